@@ -12,9 +12,25 @@ def size_options(command):
     return command
 
 
-px_per_mm_option = click.option(
-    "--px-per-mm", type=float, required=True, help="Pixels of the original photographs per mm."
-)
+def circle_options(command):
+    """Options for photographs with contact circles: their scale, their circles, and what they become."""
+    reduction = click.option(
+        "--radius-reduction-px",
+        type=click.FloatRange(0),
+        default=0.0,
+        show_default=True,
+        help="Taken off each circle's radius, pixels of the photographs: for circles drawn too large.",
+    )
+    skip = click.option(
+        "--skip-bad-circles",
+        is_flag=True,
+        help="Leave out presses whose circle is larger than the ball or leaves the photograph, and count"
+        " them; otherwise they are an error.",
+    )
+    scale = click.option(
+        "--px-per-mm", type=float, required=True, help="Pixels of the original photographs per mm."
+    )
+    return scale(reduction(skip(size_options(command))))
 
 
 pitch_option = click.option(

@@ -4,11 +4,11 @@ import click
 
 from fastac.cli.common import INPUT, OUTPUT_FILE, output_option, progress_option
 from fastac.cli.import_options import (
+    circle_options,
     every_option,
     held_out_option,
     negate_option,
     pitch_option,
-    px_per_mm_option,
     say_forces,
     say_presses,
     size_options,
@@ -17,13 +17,12 @@ from fastac.cli.import_options import (
 
 @click.command("gs-sdk")
 @click.argument("folder", type=INPUT)
-@px_per_mm_option
+@circle_options
 @click.option(
     "--skip-unlabelled",
     is_flag=True,
     help="Leave out presses without label.npz, and count them; otherwise they are an error.",
 )
-@size_options
 @output_option("The dataset to write, HDF5.", OUTPUT_FILE)
 @progress_option
 def gs_sdk(folder, output, **given):
@@ -47,7 +46,7 @@ def gs_sdk(folder, output, **given):
 @click.command("fots")
 @click.argument("folder", type=INPUT)
 @click.option("--ball-mm", type=float, required=True, help="Diameter of the ball, mm.")
-@px_per_mm_option
+@circle_options
 @click.option(
     "--background",
     default="0000.png",
@@ -61,7 +60,6 @@ def gs_sdk(folder, output, **given):
     metavar="PRESS",
     help="Press of the test split, such as gelsight/0004.png; repeatable. [default: every fifth]",
 )
-@size_options
 @output_option("The dataset to write, HDF5.", OUTPUT_FILE)
 @progress_option
 def fots(folder, output, **given):
@@ -77,6 +75,34 @@ def fots(folder, output, **given):
 
     output.parent.mkdir(parents=True, exist_ok=True)
     import_folder(folder, output=output, **given)
+    say_presses(output)
+
+
+@click.command("taxim")
+@click.argument("pack", type=INPUT)
+@click.option("--ball-mm", type=float, required=True, help="Diameter of the ball, mm.")
+@circle_options
+@click.option(
+    "--held-out",
+    multiple=True,
+    metavar="PRESS",
+    help="Press of the test split, such as frame_4.jpg; repeatable. [default: every fifth]",
+)
+@output_option("The dataset to write, HDF5.", OUTPUT_FILE)
+@progress_option
+def taxim(pack, output, **given):
+    """Import the ball presses of a data PACK of Taxim, dataPack.npz.
+
+    PACK holds the photographs, that of the untouched gel, and the contact circles. Photographs are padded
+    with the background to the target's aspect ratio and resampled by area.
+
+    \b
+    Example: fastac import taxim dataPack.npz --ball-mm 4 --px-per-mm 33.9 -o presses.h5
+    """
+    from fastac.sensor.importers.taxim import import_pack
+
+    output.parent.mkdir(parents=True, exist_ok=True)
+    import_pack(pack, output=output, **given)
     say_presses(output)
 
 
@@ -117,6 +143,44 @@ def feats(folder, background, output, **given):
 
     output.parent.mkdir(parents=True, exist_ok=True)
     import_folder(folder, background, output=output, **given)
+    say_forces(output)
+
+
+@click.command("estimate-modulus")
+@click.argument("folder", type=INPUT)
+@click.option(
+    "--background-frames",
+    type=click.IntRange(1),
+    required=True,
+    help="Number of leading no-contact frames of each grasp averaged into its background.",
+)
+@click.option(
+    "--crop-px",
+    type=click.IntRange(0),
+    nargs=4,
+    metavar="LEFT TOP WIDTH HEIGHT",
+    help="Part of each frame that shows the gel. [default: all of it]",
+)
+@pitch_option
+@held_out_option
+@size_options
+@output_option("The dataset to write, HDF5.", OUTPUT_FILE)
+@progress_option
+def estimate_modulus(folder, output, **given):
+    """Import grasps of objects with their forces in the layout of EstimateModulus from FOLDER.
+
+    FOLDER holds a video of each grasp, such as golf_ball__t=0.avi, and golf_ball__t=0_forces.pkl with the
+    force in each of its frames. The object is the group that can be held out. Frames are padded with the
+    background to the target's aspect ratio and resampled by area.
+
+    \b
+    Example: fastac import estimate-modulus example_data/2023-12-16 --background-frames 10
+                 --crop-px 55 70 401 365 --pitch-mm 0.4 --height-px 40 --width-px 44 -o grasps.h5
+    """
+    from fastac.sensor.importers.estimate_modulus import import_folder
+
+    output.parent.mkdir(parents=True, exist_ok=True)
+    import_folder(folder, output=output, **given)
     say_forces(output)
 
 

@@ -7,9 +7,9 @@ import click
 from fastac.cli import layouts
 from fastac.cli.common import INPUT, OUTPUT_FILE, Group, cad_options, load_cad, output_option, progress_option
 from fastac.cli.import_options import (
+    circle_options,
     held_out_option,
     pitch_option,
-    px_per_mm_option,
     say_forces,
     say_presses,
     size_options,
@@ -29,10 +29,10 @@ from fastac.store.kinds import Kinds
 )
 @click.option("--background", type=INPUT, required=True, help="Photograph of the untouched gel.")
 @click.option("--ball-mm", type=float, required=True, help="Diameter of the ball, mm.")
-@px_per_mm_option
-@size_options
+@circle_options
 @output_option("The dataset to write, HDF5.", OUTPUT_FILE)
-def ball_press(folder, labels, background, ball_mm, px_per_mm, height_px, width_px, output):
+@progress_option
+def ball_press(folder, labels, background, output, **given):
     """Import photographs of a ball pressed onto a flat gel, from FOLDER.
 
     Photographs are padded with the background to the target's aspect ratio, where they are marked invalid,
@@ -45,16 +45,7 @@ def ball_press(folder, labels, background, ball_mm, px_per_mm, height_px, width_
     from fastac.sensor.importers.ball_press import import_folder
 
     output.parent.mkdir(parents=True, exist_ok=True)
-    import_folder(
-        folder,
-        labels,
-        background,
-        ball_mm=ball_mm,
-        px_per_mm=px_per_mm,
-        output=output,
-        height_px=height_px,
-        width_px=width_px,
-    )
+    import_folder(folder, labels, background, output=output, **given)
     say_presses(output)
 
 
@@ -195,8 +186,10 @@ IMPORTERS = Kinds(
         "cnc": cnc_recording,
         "gs-sdk": layouts.gs_sdk,
         "fots": layouts.fots,
+        "taxim": layouts.taxim,
         "feats": layouts.feats,
         "tacbench": layouts.tacbench,
+        "estimate-modulus": layouts.estimate_modulus,
         "rosbag2": layouts.rosbag2,
     },
 )

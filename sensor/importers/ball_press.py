@@ -9,7 +9,7 @@ from pathlib import Path
 
 from fastac.sensor.importers.contact_circles import Press, photograph_in, write_presses
 from fastac.sensor.importers.csv_rows import Split, read_rows, where
-from fastac.sensor.importers.footage import check_scale
+from fastac.sensor.importers.footage import check_scale, photograph
 
 
 @dataclass(frozen=True)
@@ -31,11 +31,11 @@ def import_folder(
     ball_mm: float,
     px_per_mm: float,
     output: Path | str,
-    height_px: int = 128,
-    width_px: int = 128,
+    **settings,
 ) -> None:
     """Import the presses that `labels` lists from `folder` into the dataset `output`.
 
+    settings : of `contact_circles.write_presses`: size, circles, progress
     What the dataset holds, sensor/importers/contact_circles.py says. Raises ImportFailure on anything
     missing, unreadable or inconsistent.
     """
@@ -47,13 +47,12 @@ def import_folder(
         place = where(labels, line)
         circle = label.center_x_px, label.center_y_px, label.radius_px
         path = photograph_in(folder, label.image, place)
-        presses.append(Press(path, place, *circle, ball_mm, label.split))
+        presses.append(Press.of_file(path, place, *circle, ball_mm, label.split))
     write_presses(
         presses,
-        Path(background),
+        photograph(Path(background)),
         px_per_mm=px_per_mm,
         source=f"recorded: ball presses from {folder.name}",
         output=output,
-        height_px=height_px,
-        width_px=width_px,
+        **settings,
     )

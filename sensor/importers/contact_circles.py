@@ -5,9 +5,11 @@ that was not measured: its pixels are not valid, and their normals are NaN. The 
 of flat skin; it is stored last, in split train.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -21,17 +23,20 @@ BACKGROUND = "background"
 """Group of the background, where presses have groups."""
 TEST_EVERY = 5
 """Where a recording names no split, every so-many-th press is in the test split."""
+SKIP = "--skip-bad-circles leaves such presses out"
 
 
 @dataclass(frozen=True)
 class Press:
     """A photograph of a press and its circle, in pixels of the photograph; integer positions are centres.
 
-    place : what errors name as the origin of the circle
+    read : returns the photograph, (height, width, 3) uint8 in the order B, G, R
+    name, place : what errors name as the origin of the photograph and of its circle
     group : the press's name where it can be held out, else None in all presses
     """
 
-    path: Path
+    read: Callable[[], np.ndarray]
+    name: str
     place: str
     center_x_px: float
     center_y_px: float
@@ -39,6 +44,11 @@ class Press:
     ball_mm: float
     split: str
     group: str | None = None
+
+    @classmethod
+    def of_file(cls, path: Path, *others) -> Self:
+        """The press of a photograph's file; `others` are the fields from `place` on."""
+        return cls(partial(photograph, path), str(path), *others)
 
 
 def photograph_in(folder: Path, name: str, place: str) -> Path:
@@ -59,22 +69,29 @@ def every_fifth(count: int) -> list[str]:
     return ["test" if k % TEST_EVERY == TEST_EVERY - 1 else "train" for k in range(count)]
 
 
-def _check_circle(press: Press, height: int, width: int, px_per_mm: float) -> None:
-    """Raise ImportFailure for a circle larger than the ball or beyond the image."""
-    place, radius = press.place, press.radius_px
+def _checked(press: Press, height: int, width: int, px_per_mm: float, reduction_px: float) -> Press:
+    """A press whose circle has a radius `reduction_px` less than it was drawn.
+
+    Raises ImportFailure for a circle larger than the ball or beyond the image.
+    """
+    place, radius = press.place, press.radius_px - reduction_px
+    key = f"radius_px = {press.radius_px:g}" + (f" - {reduction_px:g}" if reduction_px else "")
     if not radius > 0:
-        raise ImportFailure(f"{place}: radius_px = {radius:g}: expected more than 0")
+        raise ImportFailure(f"{place}: {key}: expected more than 0")
     if radius / px_per_mm >= press.ball_mm / 2:
         raise ImportFailure(
-            f"{place}: radius_px = {radius:g}: {radius / px_per_mm:.3f} mm at {px_per_mm:g} px/mm,"
-            f" expected less than the ball's radius of {press.ball_mm / 2:g} mm"
+            f"{place}: {key}: {radius / px_per_mm:.3f} mm at {px_per_mm:g} px/mm, expected less than"
+            f" the ball's radius of {press.ball_mm / 2:g} mm; --radius-reduction-px makes circles smaller,"
+            f" {SKIP}"
         )
     for key, size in (("center_x_px", width), ("center_y_px", height)):
         value = getattr(press, key)
         if not radius - 0.5 <= value <= size - 0.5 - radius:
             raise ImportFailure(
-                f"{place}: {key} = {value:g}: a circle of radius {radius:g} px leaves the image of {size} px"
+                f"{place}: {key} = {value:g}: a circle of radius {radius:g} px leaves the image of {size} px;"
+                f" {SKIP}"
             )
+    return replace(press, radius_px=radius)
 
 
 def _inside(center_px, radius_px, pitch_mm: float, ball_mm: float, shape: tuple[int, int]):
@@ -87,30 +104,50 @@ def _inside(center_px, radius_px, pitch_mm: float, ball_mm: float, shape: tuple[
 
 def write_presses(
     presses: Sequence[Press],
-    background: Path,
+    untouched: np.ndarray,
     *,
     px_per_mm: float,
     source: str,
     output: Path | str,
     height_px: int = 128,
     width_px: int = 128,
+    radius_reduction_px: float = 0.0,
+    skip_bad_circles: bool = False,
     left_out: int = 0,
-    progress: bool = False,
+    progress: bool = True,
 ) -> None:
-    """Write the presses and the photograph of the untouched gel as the dataset `output`.
+    """Write the presses and the photograph of the untouched gel, `untouched`, as the dataset `output`.
 
     Photographs are padded to the target's aspect by the background and resampled by exact area averaging,
     so the pitch is (original px per resampled px) / px_per_mm. `indenter` holds, per sample: center_px
     (u, v) and radius_px in resampled pixels, ball_mm, and scale, the original pixels per resampled one;
-    center, radius and ball are NaN for the flat sample. left_out : presses that were dropped
+    center, radius and ball are NaN for the flat sample.
+
+    radius_reduction_px : what is taken off each circle's radius, in pixels of the photograph: circles are
+        drawn by hand, and many are larger than the contact
+    skip_bad_circles : leave presses out whose circle is larger than the ball or leaves the image, and count
+        them, rather than refuse all
+    left_out : presses that were dropped before
 
     Raises ImportFailure on photographs that are missing, unreadable or of another size than the background,
     and on circles that cannot be.
     """
-    untouched = photograph(background)
+    if not (np.isfinite(radius_reduction_px) and radius_reduction_px >= 0):
+        raise ImportFailure(f"{source}: radius_reduction_px = {radius_reduction_px:g}: expected 0 or more")
     resampling = Resampling(*untouched.shape[:2], height_px, width_px)
     pitch_mm = resampling.scale / px_per_mm
     shape = (height_px, width_px)
+    named, presses = presses, []
+    for press in named:
+        try:
+            presses.append(_checked(press, *untouched.shape[:2], px_per_mm, radius_reduction_px))
+        except ImportFailure:
+            if not skip_bad_circles:
+                raise
+    if not presses:
+        raise ImportFailure(
+            f"{source}: no circle of {len(named)} presses is smaller than the ball and in the image"
+        )
     n = len(presses) + 1
 
     frames = np.empty((n, *shape, len(CHANNELS)), np.uint8)
@@ -120,13 +157,12 @@ def write_presses(
     radius_px = np.full(n, np.nan)
     in_photograph = resampling.valid()
     for i, press in enumerate(progress_bar(presses, desc="presses", unit="press", enabled=progress)):
-        image = photograph(press.path)
+        image = press.read()
         if image.shape != untouched.shape:
             raise ImportFailure(
-                f"{press.path}: size = {image.shape[1]} x {image.shape[0]} px:"
+                f"{press.name}: size = {image.shape[1]} x {image.shape[0]} px:"
                 f" expected the background's {untouched.shape[1]} x {untouched.shape[0]}"
             )
-        _check_circle(press, *untouched.shape[:2], px_per_mm)
         frames[i] = np.rint(resampling.frame(image, untouched))
         center_px[i] = resampling.points_px(np.array([press.center_x_px, press.center_y_px]))
         radius_px[i] = press.radius_px / resampling.scale
@@ -151,7 +187,7 @@ def write_presses(
         normals=normals,
         valid=valid,
         group=np.array([*(press.group for press in presses), BACKGROUND]) if grouped else None,
-        left_out=left_out,
+        left_out=left_out + len(named) - len(presses),
         photograph_px=untouched.shape[:2],
         indenter={
             "center_px": center_px,

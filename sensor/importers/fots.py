@@ -12,6 +12,8 @@ A photograph that is labelled twice has the later circle. Each press is a group 
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
+import numpy as np
+
 from fastac.sensor.importers.contact_circles import (
     Press,
     every_fifth,
@@ -19,7 +21,8 @@ from fastac.sensor.importers.contact_circles import (
     write_presses,
 )
 from fastac.sensor.importers.csv_rows import COLUMN, read_rows, where
-from fastac.sensor.importers.footage import ImportFailure, check_scale, file_in
+from fastac.sensor.importers.footage import check_scale, file_in, photograph
+from fastac.sensor.importers.force_labels import split_held_out
 
 
 @dataclass(frozen=True)
@@ -40,9 +43,7 @@ def import_folder(
     output: Path | str,
     background: str = "0000.png",
     held_out: tuple[str, ...] = (),
-    height_px: int = 128,
-    width_px: int = 128,
-    progress: bool = True,
+    **settings,
 ) -> None:
     """Import the annotated presses of a folder mlp_calib (see above) into the dataset `output`.
 
@@ -50,6 +51,7 @@ def import_folder(
     held_out : presses of the test split, by their groups' names such as gelsight/0004.png; without it every
         fifth press is, for the layout has no split
 
+    settings : of `contact_circles.write_presses`: size, circles, progress
     What the dataset holds, sensor/importers/contact_circles.py says. Raises ImportFailure on anything
     missing, unreadable or inconsistent.
     """
@@ -62,31 +64,18 @@ def import_folder(
         parts = PurePosixPath(row.img_names.replace("\\", "/")).parts
         latest["/".join(parts[-2:])] = row, where(table, line)
     names = sorted(latest)
+    splits = split_held_out(table, np.array(names), held_out) if held_out else every_fifth(len(names))
     presses = []
-    for name, split in zip(names, _split(table, names, held_out), strict=True):
+    for name, split in zip(names, map(str, splits), strict=True):
         row, place = latest[name]
         circle = row.center_x_px, row.center_y_px, row.radius_px
         path = photograph_in(folder, name, place)
-        presses.append(Press(path, place, *circle, ball_mm, split, name))
+        presses.append(Press.of_file(path, place, *circle, ball_mm, split, name))
     write_presses(
         presses,
-        file_in(folder, background),
+        photograph(file_in(folder, background)),
         px_per_mm=px_per_mm,
         source=f"recorded: FOTS calibration {folder.resolve().name}",
         output=output,
-        height_px=height_px,
-        width_px=width_px,
-        progress=progress,
+        **settings,
     )
-
-
-def _split(table: Path, names: list[str], held_out: tuple[str, ...]) -> list[str]:
-    """The split of each press: `held_out` are the test split or, if there are none, every fifth press."""
-    for name in held_out:
-        if name not in names:
-            raise ImportFailure(f"{table}: press {name!r} is held out: expected one like {names[0]!r}")
-    if names and set(held_out) == set(names):
-        raise ImportFailure(f"{table}: all {len(names)} presses are held out, none is left to train on")
-    if not held_out:
-        return every_fifth(len(names))
-    return ["test" if name in held_out else "train" for name in names]

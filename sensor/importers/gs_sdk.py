@@ -26,7 +26,7 @@ from fastac.sensor.importers.contact_circles import (
     write_presses,
 )
 from fastac.sensor.importers.csv_rows import COLUMN, read_rows, where
-from fastac.sensor.importers.footage import ImportFailure, check_scale, file_in
+from fastac.sensor.importers.footage import ImportFailure, check_scale, file_in, photograph
 from fastac.store.files import DamagedFileError, load_arrays, read_json
 
 MOST_LABEL_BYTES = 1 << 16
@@ -95,9 +95,7 @@ def import_folder(
     px_per_mm: float,
     output: Path | str,
     skip_unlabelled: bool = False,
-    height_px: int = 128,
-    width_px: int = 128,
-    progress: bool = True,
+    **settings,
 ) -> None:
     """Import the labelled presses of a calibration folder (see above) into the dataset `output`.
 
@@ -105,6 +103,7 @@ def import_folder(
         320 × 240 px)
     skip_unlabelled : leave presses without label.npz out, and count them, rather than refuse the folder
 
+    settings : of `contact_circles.write_presses`: size, circles, progress
     What the dataset holds, sensor/importers/contact_circles.py says. Raises ImportFailure on anything
     missing, unreadable or inconsistent.
     """
@@ -124,18 +123,16 @@ def import_folder(
                 raise ImportFailure(f"{label}: no such file: the press has no circle (--skip-unlabelled)")
             left_out += 1
             continue
-        found.append(Press(picture, str(label), *_circle(label), row.diameter_mm, "train", name))
+        found.append(Press.of_file(picture, str(label), *_circle(label), row.diameter_mm, "train", name))
     if not found:
         raise ImportFailure(f"{catalog}: experiment_reldir: none of {left_out} presses is labelled")
     split = _split(folder, [press.group for press in found])
     write_presses(
         [replace(press, split=part) for press, part in zip(found, split, strict=True)],
-        file_in(folder, "background.png"),
+        photograph(file_in(folder, "background.png")),
         px_per_mm=px_per_mm,
         source=f"recorded: gs_sdk calibration {folder.resolve().name}",
         output=output,
-        height_px=height_px,
-        width_px=width_px,
         left_out=left_out,
-        progress=progress,
+        **settings,
     )

@@ -12,10 +12,26 @@ import numpy as np
 import pytest
 from fuzzing import Case, Content, Link, Reader
 from hypothesis import strategies as st
-from miniatures import feats_folder, fots_folder, gs_sdk_folder, tacbench_folder
+from miniatures import (
+    estimate_modulus_folder,
+    feats_folder,
+    fots_folder,
+    gs_sdk_folder,
+    tacbench_folder,
+    taxim_pack,
+)
 from mutations import changed_bytes
 
-from fastac.sensor.importers import feats, fots, gs_sdk, plain_pickle, rosbag2, tacbench
+from fastac.sensor.importers import (
+    estimate_modulus,
+    feats,
+    fots,
+    gs_sdk,
+    plain_pickle,
+    rosbag2,
+    tacbench,
+    taxim,
+)
 
 SIZE = {"height_px": 16, "width_px": 16, "progress": False}
 NAMED = ("rest.npy", "plum.mcap")
@@ -94,9 +110,19 @@ def import_fots(folder: Path) -> None:
     fots.import_folder(folder / "recording", ball_mm=4.0, px_per_mm=10.0, output=out(folder), **SIZE)
 
 
+def import_taxim(folder: Path) -> None:
+    pack = folder / "recording" / "dataPack.npz"
+    taxim.import_pack(pack, ball_mm=4.0, px_per_mm=10.0, output=out(folder), **SIZE)
+
+
 def import_feats(folder: Path) -> None:
     where = folder / "recording"
     feats.import_folder(where, where / "rest.npy", pitch_mm=0.2, output=out(folder), **SIZE)
+
+
+def import_grasps(folder: Path) -> None:
+    where = folder / "recording"
+    estimate_modulus.import_folder(where, background_frames=2, pitch_mm=0.2, output=out(folder), **SIZE)
 
 
 def import_tacbench(folder: Path) -> None:
@@ -132,7 +158,15 @@ READERS = [
         "calibration folder of gs_sdk", folders(gs_sdk_folder), import_gs_sdk, gs_sdk_command, count=5_000
     ),
     Reader("ball presses of FOTS", folders(fots_folder), import_fots, count=5_000, quick=20),
+    Reader("data pack of Taxim", folders(taxim_pack), import_taxim, count=5_000, quick=20),
     Reader("frames of FEATS", folders(feats_folder), import_feats, count=5_000, quick=20),
+    Reader(
+        "grasps of EstimateModulus",
+        folders(estimate_modulus_folder),
+        import_grasps,
+        count=5_000,
+        quick=20,
+    ),
     Reader(
         "batches of TacBench",
         folders(tacbench_folder),

@@ -4,6 +4,7 @@ import io
 import pickle
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 from PIL import Image
@@ -47,6 +48,23 @@ def fots_folder(folder: Path) -> Path:
     return folder
 
 
+def taxim_pack(folder: Path) -> Path:
+    """A folder with dataPack.npz, a calibration of Taxim: five presses, 64 px wide and 48 px high."""
+    folder.mkdir(parents=True)
+    photographs = np.full((5, 48, 64, 3), (50, 100, 200), np.uint8)
+    photographs[..., 0] += np.arange(5, dtype=np.uint8)[:, None, None]
+    np.savez(
+        folder / "dataPack.npz",
+        f0=np.full((48, 64, 3), (70, 80, 90), np.uint8),
+        imgs=photographs,
+        touch_center=[(30 + k, 24.5) for k in range(5)],
+        touch_radius=[12] * 5,
+        names=[f"frame_{k + 1}.jpg" for k in range(5)],
+        img_size=(48, 64, 3),
+    )
+    return folder
+
+
 GEL = (70, 80, 90)
 """Red, green and blue of the untouched skin in recordings with forces."""
 
@@ -74,6 +92,23 @@ def encoded(picture: np.ndarray, kind: str = "PNG") -> bytes:
     file = io.BytesIO()
     Image.fromarray(picture).save(file, kind)
     return file.getvalue()
+
+
+def estimate_modulus_folder(folder: Path) -> Path:
+    """Three grasps of two objects in the layout of EstimateModulus: two frames at rest, then four that are
+    pressed ever harder, without loss. The second grasp's light is 6 levels brighter."""
+    folder.mkdir(parents=True)
+    loads = [0, 0, 1, 2, 3, 4]
+    for name, brighter in (("golf_ball__t=0", 0), ("golf_ball__t=1", 6), ("foam_brick__t=0", 0)):
+        with av.open(str(folder / f"{name}.avi"), "w") as container:
+            stream = container.add_stream("ffv1", rate=30)
+            stream.width, stream.height, stream.pix_fmt = 64, 48, "bgr0"
+            for load in loads:
+                picture = pressed(load) + np.uint8(brighter)
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+            container.mux(stream.encode())
+        (folder / f"{name}_forces.pkl").write_bytes(pickle.dumps([float(load) for load in loads]))
+    return folder
 
 
 def tacbench_folder(folder: Path) -> Path:

@@ -2,7 +2,14 @@
 
 import pytest
 from command_line import fail, succeed
-from miniatures import feats_folder, fots_folder, gs_sdk_folder, tacbench_folder
+from miniatures import (
+    estimate_modulus_folder,
+    feats_folder,
+    fots_folder,
+    gs_sdk_folder,
+    tacbench_folder,
+    taxim_pack,
+)
 
 SIZE = ("--height-px", 32, "--width-px", 32, "--no-progress")
 
@@ -25,6 +32,17 @@ def test_fots_writes_a_dataset(tmp_path):
     assert "ball_mm = -1: expected more than 0" in fail(*command, "--ball-mm", -1)
 
 
+def test_taxim_writes_a_dataset(tmp_path):
+    pack = taxim_pack(tmp_path / "calibs") / "dataPack.npz"
+    command = ("import", "taxim", pack, "--ball-mm", 4, "--px-per-mm", 5, "-o", tmp_path / "d.h5", *SIZE)
+    assert fail(*command).endswith(
+        "frame_1.jpg: radius_px = 12: 2.400 mm at 5 px/mm, expected less than the ball's radius of 2 mm;"
+        " --radius-reduction-px makes circles smaller, --skip-bad-circles leaves such presses out"
+    )
+    said = succeed(*command, "--radius-reduction-px", 4).stdout
+    assert "6 frames (5 train, 0 validation, 1 test), pitch" in said
+
+
 def test_feats_writes_a_dataset(tmp_path):
     folder = feats_folder(tmp_path / "labels")
     command = ("import", "feats", folder, "--background", folder / "rest.npy", "--pitch-mm", 0.2)
@@ -37,12 +55,23 @@ def test_feats_writes_a_dataset(tmp_path):
     assert "group 'nut': expected one of" in fail(*command, "--held-out", "nut")
 
 
+def test_estimate_modulus_writes_a_dataset(tmp_path):
+    folder = estimate_modulus_folder(tmp_path / "grasps")
+    command = ("import", "estimate-modulus", folder, "--background-frames", 2, "--pitch-mm", 0.2)
+    command = (*command, "-o", tmp_path / "d.h5", *SIZE)
+    assert succeed(*command, "--crop-px", 16, 12, 16, 12).stdout.splitlines() == [
+        f"{tmp_path}/d.h5: 18 frames (4 train, 2 validation, 12 test), force z",
+        "test: golf_ball",
+    ]
+    assert "crop_px = 60, 12, 16, 12: not inside" in fail(*command, "--crop-px", 60, 12, 16, 12)
+
+
 def test_tacbench_writes_a_dataset(tmp_path):
     folder = tacbench_folder(tmp_path / "digit")
     command = ("import", "tacbench", folder, "--pitch-mm", 0.2, "-o", tmp_path / "d.h5", *SIZE)
     assert succeed(*command, "--held-out", "flat/batch_2").stdout.endswith("test: flat/batch_2\n")
     assert succeed(*command, "--group-by", "probe", "--every", 2).stdout.endswith("test: sphere\n")
-    assert "force_z_n = -4 to -1: expected positive" in fail(*command, "--negate")
+    assert "force_z_n = -4 to -1, mostly negative" in fail(*command, "--negate")
 
 
 def test_rosbag2_writes_a_dataset(tmp_path):

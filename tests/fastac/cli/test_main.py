@@ -25,7 +25,21 @@ class TestHelp:
                 ],
             ),
             (("data",), ["SCENE", "--output", "--store", "--no-progress", "build/SCENE/data.h5"]),
-            (("import",), ["ball-press", "cnc", "feats", "force", "fots", "gs-sdk", "rosbag2", "tacbench"]),
+            (
+                ("import",),
+                [
+                    "ball-press",
+                    "cnc",
+                    "estimate-modulus",
+                    "feats",
+                    "force",
+                    "fots",
+                    "gs-sdk",
+                    "rosbag2",
+                    "tacbench",
+                    "taxim",
+                ],
+            ),
             (("protocol",), ["SCENE", "--output", "--cad", "--origin-mm", "--simulate", "tangential_x_n"]),
             (
                 ("import", "cnc"),

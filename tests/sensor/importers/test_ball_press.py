@@ -78,6 +78,33 @@ def test_the_skin_is_the_ball_inside_the_circle_and_unknown_outside(recording):
     assert np.isnan(data.normals[1][~inside]).all()
 
 
+def test_circles_are_made_smaller(recording):
+    data = imported(recording, radius_reduction_px=4)
+    assert data.indenter["radius_px"][1] == 4
+    v, u = np.indices((32, 32))
+    r = np.hypot(u - data.indenter["center_px"][1, 0], v - 15.5)
+    np.testing.assert_array_equal(data.valid[1], r <= 4)
+    with pytest.raises(ImportFailure, match=r"radius_px = 12 - 12: expected more than 0"):
+        imported(recording, radius_reduction_px=12)
+    for reduction in (-1, np.nan):
+        with pytest.raises(ImportFailure, match=r"radius_reduction_px = (-1|nan): expected 0 or more"):
+            imported(recording, radius_reduction_px=reduction)
+
+
+def test_bad_circles_can_be_skipped(recording):
+    rows = "a.png,24,30,20,train\nb.png,24,31.5,12,test\na.png,5,30,15,train\n"
+    (recording / "press.csv").write_text(HEADER + rows)
+    with pytest.raises(ImportFailure, match="--skip-bad-circles leaves such presses out"):
+        imported(recording)
+    data = imported(recording, skip_bad_circles=True)
+    assert (len(data), data.left_out, data.split[0]) == (2, 2, "test")
+    (recording / "press.csv").write_text(HEADER + "a.png,24,30,20,train\n")
+    with pytest.raises(
+        ImportFailure, match="no circle of 1 presses is smaller than the ball and in the image"
+    ):
+        imported(recording, skip_bad_circles=True)
+
+
 @pytest.mark.parametrize(
     ("labels", "message"),
     [

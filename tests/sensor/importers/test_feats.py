@@ -69,7 +69,7 @@ def test_errors(folder, tmp_path):
         ({"gs_img": pressed(1, 40)}, "gs_img = 64 x 40 px: expected the background's 64 x 48 px"),
         ({"f_y": "1"}, "f_y = str: expected a number"),
         ({"f_z": np.nan}, "expected numbers"),
-        ({"f_z": 90.0}, "force_z_n = -90 to 6: expected positive values in compression"),
+        ({"f_z": 90.0}, "force_z_n = -90 to 6, mostly negative"),
     ):
         np.save(path, good | changed)
         assert message in refused(folder), message

@@ -108,6 +108,11 @@ def test_videos_are_folders_of_frames(place):
     assert np.abs(imported(place, "v.mp4").frames.astype(int) - expected.frames).mean() < 10
 
 
+def test_a_wrong_reading_of_the_gauge_does_not_turn_its_sign(place):
+    (place / "f.csv").write_text(rows({5: "5,-12,b"}))
+    assert imported(place).force_n.min() == -12
+
+
 class TestSplit:
     def test_the_last_group_is_the_test(self, place):
         assert set(imported(place).split[8:]) == {"test"}
@@ -190,7 +195,7 @@ class TestBackgroundPerGroup:
         (rows({11: None}), r"f\.csv: frame 11: no row, but .*frames has this frame"),
         (rows() + "12,1,c\n", r"f\.csv, line 14: frame = 12: .*frames has 12 frames"),
         (rows({1: "1,2,a"}), "line 3: 2 N in background frame 1: expected at most 10% of the largest force"),
-        (rows().replace(",1", ",-1"), r"force_z_n = -11 to 7: expected positive values in compression"),
+        (rows().replace(",1", ",-1"), r"force_z_n = -11 to 7, mostly negative"),
     ],
 )
 def test_refuses_bad_labels(place, text, message):

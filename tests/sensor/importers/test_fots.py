@@ -35,11 +35,8 @@ def test_presses_may_be_named_that_are_held_out(folder):
     np.testing.assert_array_equal(split, ["test", "train", "test", "train", "train", "train"])
     everything = tuple(f"gelsight/{k + 1:04d}.png" for k in range(5))
     for names, message in (
-        (
-            ("0001.png",),
-            r"annotate\.csv: press '0001\.png' is held out: expected one like 'gelsight/0001\.png'",
-        ),
-        (everything, "all 5 presses are held out, none is left to train on"),
+        (("0001.png",), r"annotate\.csv: group '0001\.png': expected one of gelsight/0001\.png, "),
+        (everything, "group: all 5 are held out, none is left to train on"),
     ):
         with pytest.raises(ImportFailure, match=message):
             imported(folder, held_out=names)
