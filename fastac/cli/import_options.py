@@ -33,6 +33,19 @@ def circle_options(command):
     return scale(reduction(skip(size_options(command))))
 
 
+ball_option = click.option("--ball-mm", type=float, required=True, help="Diameter of the ball, mm.")
+
+
+def held_out_presses_option(example: str):
+    """An option for the presses of the test split, by names such as `example`."""
+    return click.option(
+        "--held-out",
+        multiple=True,
+        metavar="PRESS",
+        help=f"Press of the test split, such as {example}; repeatable. [default: every fifth]",
+    )
+
+
 pitch_option = click.option(
     "--pitch-mm", type=float, required=True, help="Size of a resampled pixel on the skin, mm."
 )

@@ -4,9 +4,11 @@ import click
 
 from fastac.cli.common import INPUT, OUTPUT_FILE, output_option, progress_option
 from fastac.cli.import_options import (
+    ball_option,
     circle_options,
     every_option,
     held_out_option,
+    held_out_presses_option,
     negate_option,
     pitch_option,
     say_forces,
@@ -45,7 +47,7 @@ def gs_sdk(folder, output, **given):
 
 @click.command("fots")
 @click.argument("folder", type=INPUT)
-@click.option("--ball-mm", type=float, required=True, help="Diameter of the ball, mm.")
+@ball_option
 @circle_options
 @click.option(
     "--background",
@@ -54,12 +56,7 @@ def gs_sdk(folder, output, **given):
     metavar="NAME",
     help="Photograph of the untouched gel, in FOLDER.",
 )
-@click.option(
-    "--held-out",
-    multiple=True,
-    metavar="PRESS",
-    help="Press of the test split, such as gelsight/0004.png; repeatable. [default: every fifth]",
-)
+@held_out_presses_option("gelsight/0004.png")
 @output_option("The dataset to write, HDF5.", OUTPUT_FILE)
 @progress_option
 def fots(folder, output, **given):
@@ -80,14 +77,9 @@ def fots(folder, output, **given):
 
 @click.command("taxim")
 @click.argument("pack", type=INPUT)
-@click.option("--ball-mm", type=float, required=True, help="Diameter of the ball, mm.")
+@ball_option
 @circle_options
-@click.option(
-    "--held-out",
-    multiple=True,
-    metavar="PRESS",
-    help="Press of the test split, such as frame_4.jpg; repeatable. [default: every fifth]",
-)
+@held_out_presses_option("frame_4.jpg")
 @output_option("The dataset to write, HDF5.", OUTPUT_FILE)
 @progress_option
 def taxim(pack, output, **given):

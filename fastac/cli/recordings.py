@@ -7,6 +7,7 @@ import click
 from fastac.cli import layouts
 from fastac.cli.common import INPUT, OUTPUT_FILE, Group, cad_options, load_cad, output_option, progress_option
 from fastac.cli.import_options import (
+    ball_option,
     circle_options,
     held_out_option,
     pitch_option,
@@ -28,7 +29,7 @@ from fastac.store.kinds import Kinds
     help="CSV with columns image, center_x_px, center_y_px, radius_px, split.",
 )
 @click.option("--background", type=INPUT, required=True, help="Photograph of the untouched gel.")
-@click.option("--ball-mm", type=float, required=True, help="Diameter of the ball, mm.")
+@ball_option
 @circle_options
 @output_option("The dataset to write, HDF5.", OUTPUT_FILE)
 @progress_option

@@ -34,8 +34,8 @@ def import_folder(
     **settings,
 ) -> None:
     """Import the presses that `labels` lists from `folder` into the dataset `output`.
-
     settings : of `contact_circles.write_presses`: size, circles, progress
+
     What the dataset holds, sensor/importers/contact_circles.py says. Raises ImportFailure on anything
     missing, unreadable or inconsistent.
     """

@@ -16,6 +16,7 @@ import numpy as np
 from fastac.sensor import dataset
 from fastac.sensor.geometry import ball_slopes, normals_from_slopes
 from fastac.sensor.importers.footage import CHANNELS, ImportFailure, file_in, photograph
+from fastac.sensor.importers.force_labels import split_held_out
 from fastac.sensor.importers.resample import Resampling
 from fastac.store.progress import progress_bar
 
@@ -67,6 +68,14 @@ def every_fifth(count: int) -> list[str]:
     if count < TEST_EVERY:
         return ["train"] * count
     return ["test" if k % TEST_EVERY == TEST_EVERY - 1 else "train" for k in range(count)]
+
+
+def splits_of(origin: Path, names: list[str], held_out: tuple[str, ...]) -> list[str]:
+    """The split of presses with these names: those of `held_out` are the test split or, if there are none,
+    `every_fifth`. Raises ImportFailure as `split_held_out`."""
+    if not held_out:
+        return every_fifth(len(names))
+    return split_held_out(origin, np.array(names), held_out).tolist()
 
 
 def _checked(press: Press, height: int, width: int, px_per_mm: float, reduction_px: float) -> Press:

@@ -96,6 +96,17 @@ def file_in(folder: Path, name: str) -> Path:
         raise ImportFailure(str(error)) from None
 
 
+@contextmanager
+def one_line(path: Path) -> Iterator[None]:
+    """Raise ImportFailure where a file cannot be read in the block."""
+    try:
+        yield
+    except DamagedFileError as error:
+        raise ImportFailure(str(error)) from None
+    except OSError as error:
+        raise ImportFailure(f"{path}: {error.strerror or error}") from None
+
+
 def by_number(path: Path) -> list:
     """Sort key that orders names by the numbers in them: frame2 before frame10."""
     return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", path.name)]

@@ -12,17 +12,14 @@ A photograph that is labelled twice has the later circle. Each press is a group 
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
-import numpy as np
-
 from fastac.sensor.importers.contact_circles import (
     Press,
-    every_fifth,
     photograph_in,
+    splits_of,
     write_presses,
 )
 from fastac.sensor.importers.csv_rows import COLUMN, read_rows, where
 from fastac.sensor.importers.footage import check_scale, file_in, photograph
-from fastac.sensor.importers.force_labels import split_held_out
 
 
 @dataclass(frozen=True)
@@ -50,8 +47,8 @@ def import_folder(
     background : the photograph of the untouched gel, a name in the folder
     held_out : presses of the test split, by their groups' names such as gelsight/0004.png; without it every
         fifth press is, for the layout has no split
-
     settings : of `contact_circles.write_presses`: size, circles, progress
+
     What the dataset holds, sensor/importers/contact_circles.py says. Raises ImportFailure on anything
     missing, unreadable or inconsistent.
     """
@@ -64,9 +61,8 @@ def import_folder(
         parts = PurePosixPath(row.img_names.replace("\\", "/")).parts
         latest["/".join(parts[-2:])] = row, where(table, line)
     names = sorted(latest)
-    splits = split_held_out(table, np.array(names), held_out) if held_out else every_fifth(len(names))
     presses = []
-    for name, split in zip(names, map(str, splits), strict=True):
+    for name, split in zip(names, splits_of(table, names, held_out), strict=True):
         row, place = latest[name]
         circle = row.center_x_px, row.center_y_px, row.radius_px
         path = photograph_in(folder, name, place)

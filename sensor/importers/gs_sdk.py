@@ -12,8 +12,6 @@ prepare_data.py); gsrobotics itself (gelsightinc/gsrobotics) has no tools that c
 What else is in the folder is not read. Each press is a group of its own, by its experiment_reldir.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -26,8 +24,8 @@ from fastac.sensor.importers.contact_circles import (
     write_presses,
 )
 from fastac.sensor.importers.csv_rows import COLUMN, read_rows, where
-from fastac.sensor.importers.footage import ImportFailure, check_scale, file_in, photograph
-from fastac.store.files import DamagedFileError, load_arrays, read_json
+from fastac.sensor.importers.footage import ImportFailure, check_scale, file_in, one_line, photograph
+from fastac.store.files import load_arrays, read_json
 
 MOST_LABEL_BYTES = 1 << 16
 SPLIT_FILE = "train_test_split.json"
@@ -41,20 +39,9 @@ class CatalogRow:
     diameter_mm: float = field(metadata={COLUMN: "diameter(mm)"})
 
 
-@contextmanager
-def _one_line(path: Path) -> Iterator[None]:
-    """Raise ImportFailure where a file cannot be read in the block."""
-    try:
-        yield
-    except DamagedFileError as error:
-        raise ImportFailure(str(error)) from None
-    except OSError as error:
-        raise ImportFailure(f"{path}: {error.strerror or error}") from None
-
-
 def _circle(path: Path) -> tuple[float, float, float]:
     """The circle's center x, y and radius in a file label.npz, px. Raises ImportFailure for anything else."""
-    with _one_line(path):
+    with one_line(path):
         arrays = load_arrays(path, most_bytes=MOST_LABEL_BYTES)
     found = []
     for key, shape in (("center", (2,)), ("radius", ())):
@@ -73,7 +60,7 @@ def _split(folder: Path, names: list[str]) -> list[str]:
     path = file_in(folder, SPLIT_FILE)
     if not path.exists():
         return every_fifth(len(names))
-    with _one_line(path):
+    with one_line(path):
         parts = read_json(path)
     of: dict[str, str] = {}
     for key in ("train", "test"):
@@ -102,8 +89,8 @@ def import_folder(
     px_per_mm : 1 / ppmm of gs_sdk's configuration, whose ppmm is in mm per pixel (0.0634 for GelSight Mini at
         320 × 240 px)
     skip_unlabelled : leave presses without label.npz out, and count them, rather than refuse the folder
-
     settings : of `contact_circles.write_presses`: size, circles, progress
+
     What the dataset holds, sensor/importers/contact_circles.py says. Raises ImportFailure on anything
     missing, unreadable or inconsistent.
     """

@@ -18,10 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fastac.sensor.importers.contact_circles import Press, every_fifth, write_presses
-from fastac.sensor.importers.footage import ImportFailure, check_scale
-from fastac.sensor.importers.force_labels import split_held_out
-from fastac.store.files import DamagedFileError, load_arrays
+from fastac.sensor.importers.contact_circles import Press, splits_of, write_presses
+from fastac.sensor.importers.footage import ImportFailure, check_scale, one_line
+from fastac.store.files import load_arrays
 
 MOST_BYTES = 1 << 31
 """Of a pack's arrays: two thousand photographs of 640 × 480 px."""
@@ -39,8 +38,8 @@ def import_pack(
     """Import the presses of a data pack (see above) into the dataset `output`.
 
     held_out : presses of the test split, by their names such as frame_4.jpg; without it every fifth press is
-
     settings : of `contact_circles.write_presses`: size, circles, progress
+
     What the dataset holds, sensor/importers/contact_circles.py says. Raises ImportFailure on anything
     missing, unreadable or inconsistent.
     """
@@ -52,9 +51,8 @@ def import_pack(
     repeated = [name for name in names if names.count(name) > 1]
     if repeated:
         raise ImportFailure(f"{pack}: names: {repeated[0]!r} is there {names.count(repeated[0])} times")
-    splits = split_held_out(pack, arrays["names"], held_out) if held_out else every_fifth(len(names))
     presses = []
-    for k, (name, split) in enumerate(zip(names, map(str, splits), strict=True)):
+    for k, (name, split) in enumerate(zip(names, splits_of(pack, names, held_out), strict=True)):
         place = f"{pack}: {name}"
         circle = *map(float, arrays["touch_center"][k]), float(arrays["touch_radius"][k])
         read = partial(np.asarray, arrays["imgs"][k])
@@ -71,12 +69,8 @@ def import_pack(
 
 def _arrays(pack: Path) -> Mapping[str, np.ndarray]:
     """The arrays of a pack. Raises ImportFailure for any that is missing or of another kind or shape."""
-    try:
+    with one_line(pack):
         arrays = load_arrays(pack, most_bytes=MOST_BYTES)
-    except DamagedFileError as error:
-        raise ImportFailure(str(error)) from None
-    except OSError as error:
-        raise ImportFailure(f"{pack}: {error.strerror or error}") from None
     if "imgs" not in arrays or arrays["imgs"].ndim != 4 or not len(arrays["imgs"]):
         raise ImportFailure(f"{pack}: imgs: expected photographs, (presses, height, width, 3) uint8")
     count, *shape = arrays["imgs"].shape
