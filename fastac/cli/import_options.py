@@ -75,6 +75,14 @@ negate_option = click.option(
 )
 
 
+keep_pulls_option = click.option(
+    "--keep-pulls",
+    is_flag=True,
+    help="Keep frames in which F_z is negative by more than a twentieth of its largest value; otherwise they"
+    " are left out and counted, for objects do not pull a skin.",
+)
+
+
 def split_counts(data) -> str:
     return ", ".join(f"{len(data.indices(split))} {split}" for split in ("train", "validation", "test"))
 
@@ -99,15 +107,20 @@ def say_presses(output) -> None:
         click.echo(f"warning: {output}: {doubt}", err=True)
 
 
-def say_forces(output) -> None:
-    """Print what a dataset of frames with forces holds, and which groups are held out."""
+def say_forces(output, written) -> None:
+    """Print what a dataset of frames with forces holds, which groups are held out, and which frames are
+    missing because they would have to pull the skin; `written` is what the importer returned."""
     from fastac.sensor.dataset import read
 
-    written = read(output)
-    tested = ", ".join(dict.fromkeys(written.group[written.indices("test")].tolist()))
-    left_out = f", {written.left_out} left out" if written.left_out else ""
+    data = read(output)
+    tested = ", ".join(dict.fromkeys(data.group[data.indices("test")].tolist()))
+    left_out = f", {data.left_out} left out" if data.left_out else ""
     click.echo(
-        f"{output}: {len(written)} frames ({split_counts(written)}){left_out},"
-        f" force {', '.join(written.force_axes)}"
+        f"{output}: {len(data)} frames ({split_counts(data)}){left_out}, force {', '.join(data.force_axes)}"
     )
     click.echo(f"test: {tested}")
+    if written.pulled:
+        click.echo(
+            f"{written.pulled} frames with F_z below {-written.limit_n:.3g} N are left out, for nothing pulls"
+            " a skin; --keep-pulls keeps them"
+        )

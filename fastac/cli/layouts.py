@@ -9,6 +9,7 @@ from fastac.cli.import_options import (
     every_option,
     held_out_option,
     held_out_presses_option,
+    keep_pulls_option,
     negate_option,
     pitch_option,
     say_forces,
@@ -116,6 +117,7 @@ def taxim(pack, output, **given):
 )
 @held_out_option
 @every_option("file")
+@keep_pulls_option
 @size_options
 @output_option("The dataset to write, HDF5.", OUTPUT_FILE)
 @progress_option
@@ -134,8 +136,7 @@ def feats(folder, background, output, **given):
     from fastac.sensor.importers.feats import import_folder
 
     output.parent.mkdir(parents=True, exist_ok=True)
-    import_folder(folder, background, output=output, **given)
-    say_forces(output)
+    say_forces(output, import_folder(folder, background, output=output, **given))
 
 
 @click.command("estimate-modulus")
@@ -155,6 +156,7 @@ def feats(folder, background, output, **given):
 )
 @pitch_option
 @held_out_option
+@keep_pulls_option
 @size_options
 @output_option("The dataset to write, HDF5.", OUTPUT_FILE)
 @progress_option
@@ -172,8 +174,7 @@ def estimate_modulus(folder, output, **given):
     from fastac.sensor.importers.estimate_modulus import import_folder
 
     output.parent.mkdir(parents=True, exist_ok=True)
-    import_folder(folder, output=output, **given)
-    say_forces(output)
+    say_forces(output, import_folder(folder, output=output, **given))
 
 
 @click.command("tacbench")
@@ -196,6 +197,7 @@ def estimate_modulus(folder, output, **given):
 )
 @every_option("labelled image")
 @negate_option
+@keep_pulls_option
 @size_options
 @output_option("The dataset to write, HDF5.", OUTPUT_FILE)
 @progress_option
@@ -213,8 +215,7 @@ def tacbench(folder, output, **given):
     from fastac.sensor.importers.tacbench import import_folder
 
     output.parent.mkdir(parents=True, exist_ok=True)
-    import_folder(folder, output=output, **given)
-    say_forces(output)
+    say_forces(output, import_folder(folder, output=output, **given))
 
 
 @click.command("rosbag2")
@@ -253,6 +254,7 @@ def tacbench(folder, output, **given):
 @every_option("frame with a force")
 @negate_option
 @click.option("--tare", is_flag=True, help="Take the mean force of the background images off the forces.")
+@keep_pulls_option
 @size_options
 @output_option("The dataset to write, HDF5.", OUTPUT_FILE)
 @progress_option
@@ -270,5 +272,4 @@ def rosbag2(recordings, output, **given):
     from fastac.sensor.importers.rosbag2 import import_recordings
 
     output.parent.mkdir(parents=True, exist_ok=True)
-    import_recordings(recordings, output=output, **given)
-    say_forces(output)
+    say_forces(output, import_recordings(recordings, output=output, **given))

@@ -10,6 +10,7 @@ from fastac.cli.import_options import (
     ball_option,
     circle_options,
     held_out_option,
+    keep_pulls_option,
     pitch_option,
     say_forces,
     say_presses,
@@ -51,12 +52,14 @@ def ball_press(folder, labels, background, output, **given):
 
 
 @click.command("force")
-@click.argument("source", metavar="VIDEO|FOLDER", type=INPUT)
+@click.argument("sources", metavar="VIDEO|FOLDER...", type=INPUT, nargs=-1, required=True)
 @click.option(
     "--forces",
     type=INPUT,
     required=True,
-    help="CSV with columns frame, force_z_n (or all of x, y, z), group and, optionally, split.",
+    multiple=True,
+    help="CSV with columns frame, force_z_n (or all of x, y, z), group and, optionally, split; once for each"
+    " recording, in the same order.",
 )
 @click.option(
     "--background-frames",
@@ -71,49 +74,55 @@ def ball_press(folder, labels, background, output, **given):
 )
 @pitch_option
 @held_out_option
+@keep_pulls_option
 @size_options
 @output_option("The dataset to write, HDF5.", OUTPUT_FILE)
 @progress_option
 def force_recording(
-    source,
+    sources,
     forces,
     background_frames,
     background_per_group,
     pitch_mm,
     held_out,
+    keep_pulls,
     height_px,
     width_px,
     output,
     progress,
 ):
-    """Import frames with the readings of a force gauge, from a video or a folder of photographs.
+    """Import frames with the readings of a force gauge, from videos or folders of photographs.
 
-    The CSV file has one row per frame: `frame` is its index from 0 or its file name, z is positive in
+    A CSV file has one row per frame: `frame` is its index from 0 or its file name, z is positive in
     compression, `group` names the recording or object, which can be held out as a whole. Two stretches of the
     frames of the other groups, a fifth of them in all, are the validation split, unless a column `split` says
     otherwise. Only background frames may lack a row. Photographs are padded with the background to the
     target's aspect ratio and resampled by area.
 
     \b
-    Example: fastac import force press.mp4 --forces gauge.csv --background-frames 20
-                 --pitch-mm 0.12 -o recording.h5
+    Example: fastac import force pear.mp4 plum.mp4 --forces pear.csv --forces plum.csv
+                 --background-frames 20 --pitch-mm 0.12 -o recording.h5
     """
-    from fastac.sensor.importers.force_recording import import_recording
+    from fastac.sensor.importers.force_recording import import_recordings
 
+    if len(sources) != len(forces):
+        raise click.UsageError(
+            f"--forces: given {len(forces)} times: expected once for each of {len(sources)} recordings"
+        )
     output.parent.mkdir(parents=True, exist_ok=True)
-    import_recording(
-        source,
-        forces,
+    written = import_recordings(
+        list(zip(sources, forces, strict=True)),
         background_frames=background_frames,
         per_group=background_per_group,
         pitch_mm=pitch_mm,
         held_out=held_out,
+        keep_pulls=keep_pulls,
         height_px=height_px,
         width_px=width_px,
         output=output,
         progress=progress,
     )
-    say_forces(output)
+    say_forces(output, written)
 
 
 @click.command("cnc")

@@ -20,7 +20,7 @@ import numpy as np
 
 from fastac.sensor.importers import plain_pickle
 from fastac.sensor.importers.footage import ImportFailure, Video, by_number, file_in
-from fastac.sensor.importers.force_frames import ForceFrame, mean_image, write_forces
+from fastac.sensor.importers.force_frames import ForceFrame, Written, mean_image, write_forces
 
 NUMBER = re.compile(r"(__t=|_)\d+$")
 """What tells an object's grasps apart, at the end of their names."""
@@ -98,13 +98,15 @@ def import_folder(
     held_out: tuple[str, ...] = (),
     height_px: int = 128,
     width_px: int = 128,
+    keep_pulls: bool = False,
     progress: bool = True,
-) -> None:
+) -> Written:
     """Import the grasps of a folder (see above) into the dataset `output`.
 
     background_frames : the mean of so many first frames of each grasp, without contact, is its background
     crop_px : left, top, width and height of the part of each frame that shows the gel; None: all of it
     held_out : objects of the test split (default: the last)
+    keep_pulls, returns : as in `force_frames.write_forces`
 
     Raises ImportFailure on anything missing, unreadable or inconsistent.
     """
@@ -126,7 +128,7 @@ def import_folder(
                 place = f"{grasp.path}: frame {k}"
                 yield ForceFrame(image, (float(force_n),), grasp.path.stem, grasp.group, place)
 
-    write_forces(
+    return write_forces(
         frames(),
         sum(len(grasp.force_n) for grasp in grasps),
         backgrounds,
@@ -138,5 +140,6 @@ def import_folder(
         held_out=held_out,
         height_px=height_px,
         width_px=width_px,
+        keep_pulls=keep_pulls,
         progress=progress,
     )

@@ -27,7 +27,7 @@ import numpy as np
 
 from fastac.sensor.importers import plain_pickle
 from fastac.sensor.importers.footage import ImportFailure, by_number, file_in, photograph
-from fastac.sensor.importers.force_frames import ForceFrame, checked_image, write_forces
+from fastac.sensor.importers.force_frames import ForceFrame, Written, checked_image, write_forces
 
 SPLITS = {"train": "train", "val": "validation", "test": "test"}
 """Folders and the splits that they are."""
@@ -104,8 +104,9 @@ def import_folder(
     every: int = 1,
     height_px: int = 128,
     width_px: int = 128,
+    keep_pulls: bool = False,
     progress: bool = True,
-) -> None:
+) -> Written:
     """Import the frames of a folder in the layout of FEATS (see above) into the dataset `output`.
 
     background : the untouched gel: an .npy with gs_img, such as FEATS' nocontact_train_sensor.npy, or a
@@ -113,6 +114,7 @@ def import_folder(
     held_out : groups of the test split; without it the folders' splits, or the last group in a single folder
     group_pattern : regular expression; a group is what it finds first in a file's name
     every : take each so-many-th file
+    keep_pulls, returns : as in `force_frames.write_forces`
 
     Raises ImportFailure on anything missing, unreadable or inconsistent.
     """
@@ -126,7 +128,7 @@ def import_folder(
     else:
         untouched = photograph(background)
     files = _files(folder)[::every]
-    write_forces(
+    return write_forces(
         _frames(files, pattern),
         len(files),
         {"": untouched},
@@ -137,5 +139,6 @@ def import_folder(
         held_out=held_out,
         height_px=height_px,
         width_px=width_px,
+        keep_pulls=keep_pulls,
         progress=progress,
     )

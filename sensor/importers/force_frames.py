@@ -10,12 +10,13 @@ import tempfile
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from fastac.sensor import dataset
 from fastac.sensor.importers.footage import CHANNELS, ImportFailure, check_scale
-from fastac.sensor.importers.force_labels import check_compression, split_held_out
+from fastac.sensor.importers.force_labels import check_compression, largest_pull_n, split_held_out
 from fastac.sensor.importers.resample import Resampling
 from fastac.sensor.samples import FORCE_AXES
 from fastac.store.progress import progress_bar
@@ -38,6 +39,13 @@ class ForceFrame:
     group: str
     place: str
     split: str | None = None
+
+
+class Written(NamedTuple):
+    """What became of the frames: how many were left out because F_z is below -limit_n."""
+
+    pulled: int
+    limit_n: float
 
 
 def size_of(image: np.ndarray) -> str:
@@ -79,7 +87,7 @@ def write_forces(
     count: int,
     backgrounds: Mapping[str, np.ndarray],
     *,
-    origin: Path,
+    origin: Path | str,
     pitch_mm: float,
     source: str,
     output: Path | str,
@@ -88,16 +96,19 @@ def write_forces(
     height_px: int = 128,
     width_px: int = 128,
     left_out: int = 0,
+    keep_pulls: bool = False,
     progress: bool = True,
-) -> None:
-    """Write `count` frames as the dataset `output`.
+) -> Written:
+    """Write `count` frames as the dataset `output`, without those in which F_z is negative by more than a
+    gauge's zero drifts (`force_labels.largest_pull_n`); returns how many these were.
 
     backgrounds : {recording: its untouched skin, (height, width, 3) in the order B, G, R}
     origin : the folder or file that errors about all frames name
     axes : of the forces, z last
     held_out : groups of the test split, whatever split the layout has; without it that split holds or, where
         there is none, the last group is the test split
-    left_out : frames that were dropped
+    left_out : frames that were dropped before
+    keep_pulls : keep frames whatever their F_z
 
     Raises ImportFailure for frames and backgrounds of several sizes, forces that are not finite or negative
     in compression, and groups that cannot be held out.
@@ -129,7 +140,12 @@ def write_forces(
             group.append(frame.group)
             split.append(frame.split)
     check_compression(origin, force_n)
-    groups = np.array(group)
+    limit_n = np.inf if keep_pulls else largest_pull_n(force_n)
+    kept = np.flatnonzero(force_n[:, -1] >= -limit_n)
+    for k, index in enumerate(kept):
+        if k != index:  # in place, for the frames may be more than fits in memory
+            room[k] = room[index]
+    groups = np.array(group)[kept]
     known = all(name is not None for name in split) and not held_out
     dataset.write(
         output,
@@ -137,11 +153,12 @@ def write_forces(
         channels=CHANNELS,
         source=source,
         background=np.rint(background).astype(np.uint8),
-        frames=room,
-        split=np.array(split) if known else split_held_out(origin, groups, held_out),
-        force_n=force_n,
+        frames=room[: len(kept)],
+        split=np.array(split)[kept] if known else split_held_out(origin, groups, held_out),
+        force_n=force_n[kept],
         force_axes=axes,
         group=groups,
-        left_out=left_out,
+        left_out=left_out + count - len(kept),
         photograph_px=shape[:2],
     )
+    return Written(count - len(kept), limit_n)

@@ -22,6 +22,10 @@ BLOCKS, VALIDATION_BLOCKS = 10, (3, 8)
 """Validation takes whole stretches of frames, since neighbours look alike: these two of each group's ten."""
 
 
+LARGEST_PULL = 0.05
+"""Share of a recording's largest F_z, in compression, by which it may be negative: a gauge's zero drifts."""
+
+
 @dataclass(frozen=True)
 class Label:
     """One row of the file: a frame and the forces on it, N."""
@@ -74,7 +78,7 @@ def split_by_group(group: np.ndarray, held_out: tuple[str, ...]) -> np.ndarray:
 
 
 def split_held_out(
-    origin: Path, group: np.ndarray, held_out: tuple[str, ...], advice: str = ""
+    origin: Path | str, group: np.ndarray, held_out: tuple[str, ...], advice: str = ""
 ) -> np.ndarray:
     """The split of each frame where the groups `held_out` are the test split, or else the last one.
 
@@ -94,7 +98,7 @@ def split_held_out(
     return split_by_group(group, held_out or (groups[-1],))
 
 
-def check_compression(origin: Path, force_n: np.ndarray) -> None:
+def check_compression(origin: Path | str, force_n: np.ndarray) -> None:
     """Raise ImportFailure where z, the last axis of forces (frames, axes), is negative in compression.
 
     Large forces decide, by their squares, and not the largest: a gauge may have a few wrong readings.
@@ -105,6 +109,15 @@ def check_compression(origin: Path, force_n: np.ndarray) -> None:
             f"{origin}: force_z_n = {z_n.min():g} to {z_n.max():g}, mostly negative where it is large:"
             " expected positive values in compression"
         )
+
+
+def largest_pull_n(force_n: np.ndarray) -> float:
+    """How far below zero the z of forces (frames, axes) may be in N; beyond, it is not the skin's.
+
+    Objects press on a skin and do not pull it. A gauge can be pulled all the same, as by a gripper that opens
+    until it hits its end.
+    """
+    return LARGEST_PULL * max(float(force_n[:, -1].max()), 0.0)
 
 
 def _index(value: str, frames: Photographs | Video, place: str) -> int:

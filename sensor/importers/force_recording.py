@@ -1,14 +1,16 @@
-"""Importer of recordings with a force gauge: a video or photographs, and a CSV file with a force per
-frame."""
+"""Importer of recordings with a force gauge: videos or folders of photographs, each with a CSV file that has
+a force per frame."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
 from fastac.sensor.importers import force_labels
 from fastac.sensor.importers.footage import ImportFailure, Photographs, Video, check_scale, footage
-from fastac.sensor.importers.force_frames import ForceFrame, write_forces
+from fastac.sensor.importers.force_frames import ForceFrame, Written, write_forces
 from fastac.sensor.importers.force_labels import Labels, split_held_out
 from fastac.store.progress import progress_bar
 
@@ -76,33 +78,79 @@ def _background_frames(labels: Labels, count: int, per_group: bool) -> dict[int,
     return chosen
 
 
-def _backgrounds(source, labels: Labels, chosen: dict[int, int], progress: bool) -> np.ndarray:
-    """The mean of each group's background frames, float64 (groups, height, width, C)."""
-    sums, counts = None, np.bincount(list(chosen.values()))
-    for index, image in _frames(source, labels, max(chosen) + 1, progress):
-        if sums is None:
-            sums = np.zeros((len(counts), *image.shape), np.uint32)
-        if index in chosen:
-            sums[chosen[index]] += image
-    return sums / counts[:, None, None, None]
+@dataclass(frozen=True, eq=False)
+class _Recording:
+    """A recording, checked as far as it can be without reading its frames."""
+
+    source: Photographs | Video
+    labels: Labels
+    chosen: dict[int, int]
+    """As `_background_frames` gives them."""
+    per_group: bool
+
+    @classmethod
+    def of(cls, source: Path, forces: Path, background_frames: int, per_group: bool) -> "_Recording":
+        frames = footage(source)
+        labels = force_labels.read(forces, frames)
+        count = int(labels.frame[-1]) + 1
+        if not 1 <= background_frames <= count:
+            raise ImportFailure(f"{forces}: background_frames = {background_frames}: expected 1 to {count}")
+        _check_frames(labels, 0 if per_group else background_frames)
+        return cls(frames, labels, _background_frames(labels, background_frames, per_group), per_group)
+
+    def name(self, group: str) -> str:
+        """Of the background that frames of a group have."""
+        return f"{self.labels.path}: {group}" if self.per_group else str(self.labels.path)
+
+    def backgrounds(self, progress: bool) -> dict[str, np.ndarray]:
+        """The mean of each group's background frames, (height, width, C) float64, or of the recording's."""
+        sums, counts = None, np.bincount(list(self.chosen.values()))
+        for index, image in _frames(self.source, self.labels, max(self.chosen) + 1, progress):
+            if sums is None:
+                sums = np.zeros((len(counts), *image.shape), np.uint32)
+            if index in self.chosen:
+                sums[self.chosen[index]] += image
+        names = [self.name(group) for group in (self.labels.groups if self.per_group else [""])]
+        return dict(zip(names, sums / counts[:, None, None, None], strict=True))
+
+    def samples(self, split: np.ndarray) -> Iterator[ForceFrame]:
+        """The labelled frames, with the split of each row."""
+        rows = {int(frame): row for row, frame in enumerate(self.labels.frame)}
+        for index, image in _frames(self.source, self.labels, int(self.labels.frame[-1]) + 1):
+            row = rows.get(index)
+            if row is not None:
+                group, place = str(self.labels.group[row]), f"{self.source.path}: frame {index}"
+                force_n = tuple(self.labels.force_n[row])
+                yield ForceFrame(image, force_n, self.name(group), group, place, split[row])
 
 
-def _split(labels: Labels, held_out: tuple[str, ...]) -> np.ndarray:
-    """The file's own split, or a split by groups; without `held_out` the last group is the test split."""
-    if labels.split is None:
+def _splits(every: list[Labels], held_out: tuple[str, ...]) -> list[np.ndarray]:
+    """The split of each file's rows: the files' own, or by groups; without `held_out` the last group is the
+    test split."""
+    first, *others = every
+    group, origin = np.concatenate([labels.group for labels in every]), ", ".join(str(x.path) for x in every)
+    for labels in others:
+        if (labels.split is None) != (first.split is None):
+            has, lacks = (first, labels) if labels.split is None else (labels, first)
+            raise ImportFailure(f"{lacks.path}: split: missing column, which {has.path} has")
+        if labels.axes != first.axes:
+            axes = " and ".join(force_labels.COLUMNS[axis] for axis in first.axes)
+            raise ImportFailure(f"{labels.path}: forces: expected {axes}, as {first.path} has")
+    if first.split is None:
         advice = "name several groups or give a column split"
-        return split_held_out(labels.path, labels.group, held_out, advice)
+        split = split_held_out(origin, group, held_out, advice)
+        return np.split(split, np.cumsum([len(labels.frame) for labels in every])[:-1])
+    groups = list(dict.fromkeys(group.tolist()))
     for name in held_out:
-        if name not in labels.groups:
-            raise ImportFailure(f"{labels.path}: group {name!r}: expected one of {', '.join(labels.groups)}")
+        if name not in groups:
+            raise ImportFailure(f"{origin}: group {name!r}: expected one of {', '.join(groups)}")
     if held_out:
-        raise ImportFailure(f"{labels.path}: split: a column of its own, so no group can be held out too")
-    return labels.split
+        raise ImportFailure(f"{origin}: split: a column of its own, so no group can be held out too")
+    return [labels.split for labels in every]
 
 
-def import_recording(
-    source: Path | str,
-    forces: Path | str,
+def import_recordings(
+    recordings: Sequence[tuple[Path | str, Path | str]],
     *,
     background_frames: int,
     pitch_mm: float,
@@ -111,52 +159,49 @@ def import_recording(
     held_out: tuple[str, ...] = (),
     height_px: int = 128,
     width_px: int = 128,
+    keep_pulls: bool = False,
     progress: bool = True,
-) -> None:
-    """Import the frames of `source`, a video or a folder, with the forces of a CSV file (see force_labels).
+) -> Written:
+    """Import recordings, each a video or a folder and the CSV file of its forces (see force_labels), into the
+    dataset `output`. A group may have frames in several of them.
 
-    background_frames : number of leading no-contact frames averaged into the background; those without a row
-        in the CSV file are not imported as samples
-    per_group : average the leading no-contact frames of each group into a background of its own. The group's
-        frames are then shifted by the difference of this background from the mean of all groups' backgrounds,
-        so that one background serves all: the pipeline uses differences from it only.
+    background_frames : number of a recording's leading no-contact frames averaged into its background; those
+        without a row in the CSV file are not imported as samples
+    per_group : average the leading no-contact frames of each group of a recording into a background of its
+        own
     pitch_mm : size of a resampled pixel; held_out : groups of the test split (default: the last)
+    keep_pulls, returns : as in `force_frames.write_forces`
 
-    Frames are padded to the target's aspect by the background and resampled by exact area averaging. A video
-    is decoded twice rather than kept. Raises ImportFailure on anything missing, unreadable or inconsistent.
+    Frames are shifted by the difference of their background from the mean of all backgrounds, so that one
+    serves all: the pipeline uses differences from it only. They are padded to the target's aspect by the
+    background and resampled by exact area averaging. A video is decoded twice rather than kept. Raises
+    ImportFailure on anything missing, unreadable or inconsistent.
     """
-    source, forces = footage(Path(source)), Path(forces)
-    check_scale(source.path, "pitch_mm", pitch_mm)
-    labels = force_labels.read(forces, source)
-    last = int(labels.frame[-1])
-    if not 1 <= background_frames <= last + 1:
-        raise ImportFailure(f"{forces}: background_frames = {background_frames}: expected 1 to {last + 1}")
-    split = _split(labels, held_out)
-    _check_frames(labels, 0 if per_group else background_frames)
-    chosen = _background_frames(labels, background_frames, per_group)
-
-    means = _backgrounds(source, labels, chosen, progress)
-    names = labels.groups if per_group else [""]
-    rows = {int(frame): row for row, frame in enumerate(labels.frame)}
-
-    def samples() -> Iterator[ForceFrame]:
-        for index, image in _frames(source, labels, last + 1):
-            row = rows.get(index)
-            if row is not None:
-                group = str(labels.group[row])
-                recording, place = group if per_group else "", f"{source.path}: frame {index}"
-                yield ForceFrame(image, tuple(labels.force_n[row]), recording, group, place, split[row])
-
-    write_forces(
-        samples(),
-        len(rows),
-        dict(zip(names, means, strict=True)),
-        origin=forces,
+    check_scale(recordings[0][0], "pitch_mm", pitch_mm)
+    known = [
+        _Recording.of(Path(source), Path(forces), background_frames, per_group)
+        for source, forces in recordings
+    ]
+    every = [recording.labels for recording in known]
+    paths = [str(labels.path) for labels in every]
+    for path in paths:
+        if paths.count(path) > 1:
+            raise ImportFailure(f"{path}: named twice: expected a file of forces for each recording")
+    splits = _splits(every, held_out)
+    backgrounds = {}
+    for recording in known:
+        backgrounds |= recording.backgrounds(progress)
+    return write_forces(
+        chain.from_iterable(recording.samples(split) for recording, split in zip(known, splits, strict=True)),
+        sum(len(labels.frame) for labels in every),
+        backgrounds,
+        origin=", ".join(paths),
         pitch_mm=pitch_mm,
-        source=f"recorded: forces from {source.path.name}",
+        source=f"recorded: forces from {', '.join(recording.source.path.name for recording in known)}",
         output=output,
-        axes=labels.axes,
+        axes=every[0].axes,
         height_px=height_px,
         width_px=width_px,
+        keep_pulls=keep_pulls,
         progress=progress,
     )

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from fastac.sensor.importers.footage import ImportFailure
-from fastac.sensor.importers.force_frames import ForceFrame, mean_image, write_forces
+from fastac.sensor.importers.force_frames import ForceFrame, Written, mean_image, write_forces
 from fastac.sensor.importers.force_recording import MAX_BACKGROUND_FORCE_SHARE
 from fastac.sensor.importers.ros_recording import Clock, RosRecording, require_packages
 from fastac.sensor.samples import FORCE_AXES
@@ -111,8 +111,9 @@ def import_recordings(
     tare: bool = False,
     height_px: int = 128,
     width_px: int = 128,
+    keep_pulls: bool = False,
     progress: bool = True,
-) -> None:
+) -> Written:
     """Import ROS 2 recordings (see above) into the dataset `output`.
 
     image_topic, wrench_topic : needed where a recording has several of these types
@@ -123,6 +124,7 @@ def import_recordings(
     held_out : groups of the test split (default: the last); every : take each so-many-th frame with a force
     negate : for gauges of which z is negative in compression
     tare : take the mean force of a recording's background images off its forces
+    keep_pulls, returns : as in `force_frames.write_forces`
 
     Raises ImportFailure on anything missing, unreadable or inconsistent.
     """
@@ -143,7 +145,7 @@ def import_recordings(
         raise ImportFailure(f"{files[0]}: no image has a wrench {near}")
     axes = FORCE_AXES if np.isfinite(known[:, :2]).any() else FORCE_AXES[-1:]
     rows = [matched.rows(every) for matched in found]
-    write_forces(
+    return write_forces(
         _frames(found, axes, every, group_by),
         sum(map(len, rows)),
         {matched.recording.name: matched.background for matched in found},
@@ -156,5 +158,6 @@ def import_recordings(
         height_px=height_px,
         width_px=width_px,
         left_out=sum(len(matched.force_n) - len(matched.rows(1)) for matched in found),
+        keep_pulls=keep_pulls,
         progress=progress,
     )

@@ -25,7 +25,7 @@ import numpy as np
 
 from fastac.sensor.importers import plain_pickle
 from fastac.sensor.importers.footage import ImportFailure, by_number, encoded_photograph, file_in
-from fastac.sensor.importers.force_frames import ForceFrame, checked_image, mean_image, write_forces
+from fastac.sensor.importers.force_frames import ForceFrame, Written, checked_image, mean_image, write_forces
 
 FORCES = "dataset_slip_forces.pkl"
 UNLABELLED = 5
@@ -178,8 +178,9 @@ def import_folder(
     negate: bool = False,
     height_px: int = 128,
     width_px: int = 128,
+    keep_pulls: bool = False,
     progress: bool = True,
-) -> None:
+) -> Written:
     """Import the batches at and below a folder (layout: see above) into the dataset `output`.
 
     group_by : "batch" (sphere/batch_1), "probe" (sphere) or "stroke" (sphere/batch_1/0)
@@ -187,13 +188,14 @@ def import_folder(
     background_frames : the most images without contact that are averaged into a batch's background
     every : take each so-many-th labelled image of a batch
     negate : for forces of which z is negative in compression
+    keep_pulls, returns : as in `force_frames.write_forces`
 
     Raises ImportFailure on anything missing, unreadable or inconsistent.
     """
     folder = Path(folder)
     batches = _batches(folder)
     count = sum(len(range(0, len(batch.index), every)) for batch in batches)
-    write_forces(
+    return write_forces(
         _frames(batches, every, group_by, -1 if negate else 1),
         count,
         {batch.name: _background(batch, background_frames) for batch in batches},
@@ -204,5 +206,6 @@ def import_folder(
         held_out=held_out,
         height_px=height_px,
         width_px=width_px,
+        keep_pulls=keep_pulls,
         progress=progress,
     )

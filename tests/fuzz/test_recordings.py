@@ -155,9 +155,8 @@ def force_recordings(draw) -> Case:
 def import_forces(folder: Path) -> None:
     out = folder / fuzzing.OUTPUT / "a.h5"
     out.parent.mkdir()
-    force_recording.import_recording(
-        folder / "press",
-        folder / "forces.csv",
+    force_recording.import_recordings(
+        [(folder / "press", folder / "forces.csv")],
         background_frames=2,
         pitch_mm=0.1,
         output=out,

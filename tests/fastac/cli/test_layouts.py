@@ -1,5 +1,7 @@
 """The commands that import the layouts of other projects."""
 
+import pickle
+
 import pytest
 from command_line import fail, succeed
 from miniatures import (
@@ -64,6 +66,13 @@ def test_estimate_modulus_writes_a_dataset(tmp_path):
         "test: golf_ball",
     ]
     assert "crop_px = 60, 12, 16, 12: not inside" in fail(*command, "--crop-px", 60, 12, 16, 12)
+    (folder / "golf_ball__t=1_forces.pkl").write_bytes(pickle.dumps([0.0, 0.0, 1.0, 4.0, -3.0, -0.1]))
+    assert succeed(*command).stdout.splitlines() == [
+        f"{tmp_path}/d.h5: 17 frames (4 train, 2 validation, 11 test), 1 left out, force z",
+        "test: golf_ball",
+        "1 frames with F_z below -0.2 N are left out, for nothing pulls a skin; --keep-pulls keeps them",
+    ]
+    assert "18 frames" in succeed(*command, "--keep-pulls").stdout
 
 
 def test_tacbench_writes_a_dataset(tmp_path):

@@ -106,6 +106,15 @@ class TestImportForce:
         np.testing.assert_array_equal(data.force_n, [[0], [1], [2], [3]])
         assert succeed(*arguments).stdout.endswith("test: nut\n")
 
+    def test_several_recordings_become_one(self, arguments, tmp_path):
+        command, kind, source, *options = arguments
+        (tmp_path / "g.csv").write_text((tmp_path / "f.csv").read_text())
+        both = (command, kind, source, source, *options, "--forces", tmp_path / "g.csv")
+        assert "8 frames" in succeed(*both).stdout
+        result = run(command, kind, source, source, *options)
+        assert result.exit_code == 2
+        assert "--forces: given 1 times: expected once for each of 2 recordings" in result.stderr
+
     def test_errors(self, arguments, tmp_path):
         assert fail(*arguments, "--held-out", "pen").endswith(
             "f.csv: group 'pen': expected one of cup, ball, nut"

@@ -5,7 +5,7 @@ from PIL import Image
 from fastac.sensor import dataset
 from fastac.sensor.importers.footage import ImportFailure
 from fastac.sensor.importers.force_labels import split_by_group
-from fastac.sensor.importers.force_recording import import_recording
+from fastac.sensor.importers.force_recording import import_recordings
 
 HEADER = "frame,force_z_n,group\n"
 SIZE = {"height_px": 16, "width_px": 16}
@@ -36,7 +36,7 @@ def place(tmp_path):
 
 def imported(place, source="frames", **changed):
     arguments = {"background_frames": 2, "pitch_mm": 0.2, "progress": False, **SIZE, **changed}
-    import_recording(place / source, place / "f.csv", output=place / "d.h5", **arguments)
+    import_recordings([(place / source, place / "f.csv")], output=place / "d.h5", **arguments)
     return dataset.read(place / "d.h5")
 
 
@@ -110,7 +110,72 @@ def test_videos_are_folders_of_frames(place):
 
 def test_a_wrong_reading_of_the_gauge_does_not_turn_its_sign(place):
     (place / "f.csv").write_text(rows({5: "5,-12,b"}))
-    assert imported(place).force_n.min() == -12
+    assert imported(place, keep_pulls=True).force_n.min() == -12
+
+
+class TestSeveralRecordings:
+    def both(self, place, text=None, **changed):
+        """The recording twice, the second a hundredth of the range brighter, with other groups."""
+        other = place / "other"
+        other.mkdir(exist_ok=True)
+        for k, image in enumerate(photographs(place).astype(np.uint8)):
+            Image.fromarray(image[..., ::-1] + np.uint8(3)).save(other / f"{k}.png")
+        again = rows().replace(",a", ",d").replace(",c", ",e")
+        (place / "g.csv").write_text(again if text is None else text)
+        pairs = [(place / "frames", place / "f.csv"), (other, place / "g.csv")]
+        arguments = {"background_frames": 2, "pitch_mm": 0.2, "progress": False, **SIZE, **changed}
+        import_recordings(pairs, output=place / "both.h5", **arguments)
+        return dataset.read(place / "both.h5")
+
+    @pytest.mark.parametrize("per_group", [False, True])
+    def test_each_has_backgrounds_of_its_own(self, place, per_group):
+        """So that what is brighter from rest on looks as the other."""
+        found, one = self.both(place, per_group=per_group), imported(place, per_group=per_group)
+        change, expected = (data.frames.astype(int) - data.background for data in (found, one))
+        for half in (slice(0, N), slice(N, None)):
+            np.testing.assert_allclose(change[half], expected, atol=1)
+        np.testing.assert_array_equal(found.force_n, np.tile(one.force_n, (2, 1)))
+
+    def test_a_group_may_be_in_several(self, place):
+        found = self.both(place)
+        np.testing.assert_array_equal(found.group, [*"aaaabbbbcccc", *"ddddbbbbeeee"])
+        np.testing.assert_array_equal(found.split == "test", found.group == "e")
+        found = self.both(place, held_out=("b",))
+        np.testing.assert_array_equal(found.split == "test", found.group == "b")
+
+    def test_what_does_not_fit_together_is_refused(self, place):
+        header, *lines = rows().splitlines()
+        own = "".join(f"{line}\n" for line in [f"{header},split", *(f"{line},train" for line in lines)])
+        with pytest.raises(ImportFailure, match=r"f.csv: split: missing column, which .*g.csv has"):
+            self.both(place, own)
+        sideways = header.replace("force_z_n", "force_x_n,force_y_n,force_z_n")
+        of_three = [sideways, *(line.replace(",", ",0,0,", 1) for line in lines)]
+        with pytest.raises(ImportFailure, match=r"g.csv: forces: expected force_z_n, as .*f.csv has"):
+            self.both(place, "".join(f"{line}\n" for line in of_three))
+        with pytest.raises(ImportFailure, match=r"f.csv, .*g.csv: group 'x': expected one of a, b, c, d, e"):
+            self.both(place, held_out=("x",))
+        pair = (place / "frames", place / "f.csv")
+        with pytest.raises(ImportFailure, match=r"f.csv: named twice"):
+            import_recordings([pair, pair], background_frames=2, pitch_mm=0.2, output=place / "d.h5")
+
+
+class TestPulls:
+    """Nothing pulls a skin: a gauge that is pulled reads what the skin does not feel."""
+
+    def test_frames_are_left_out_and_counted(self, place):
+        expected = imported(place)
+        (place / "f.csv").write_text(rows({4: "4,-3,b", 5: "5,-0.56,b", 8: "8,-0.54,c"}))
+        found, kept = imported(place), np.delete(np.arange(len(expected)), [4, 5])
+        np.testing.assert_array_equal(found.frames, expected.frames[kept])
+        for key in ("group", "split"):
+            np.testing.assert_array_equal(getattr(found, key), getattr(expected, key)[kept])
+        assert found.force_n.min() == np.float32(-0.54)  # less than a twentieth of 11 N
+        assert found.left_out == expected.left_out + 2
+
+    def test_they_can_be_kept(self, place):
+        (place / "f.csv").write_text(rows({4: "4,-3,b"}))
+        found = imported(place, keep_pulls=True)
+        assert (found.force_n.min(), len(found)) == (-3, N)
 
 
 class TestSplit:
