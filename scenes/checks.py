@@ -51,7 +51,7 @@ def check_scene(scene) -> None:
         _check_force_alone(scene)
     else:
         _check_sums(scene)
-        for key in ("light_noise", "curl_weight", "press_reach", "press_symmetry"):
+        for key in ("light_noise", "curl_weight", "press_symmetry"):
             if (value := getattr(scene.training, key)) is not None:
                 raise ValueError(f"training.{key}: {_as_toml(value)} needs training.labels 'force'")
     if scene.protocol.tangential_shares and not scene.sensor.elastomer.friction:
@@ -235,10 +235,8 @@ def _check_force_alone(scene) -> None:
         value = getattr(scene.training, key)
         if value != type(scene.training).model_fields[key].default:
             raise ValueError(f"training.{key}: {_as_toml(value)} needs training.labels 'geometry'")
-    if scene.force.dots:  # their shifts belong to their places
-        for key in ("press_symmetry", "press_reach"):
-            if value := getattr(scene.training, key):
-                raise ValueError(f"training.{key}: {_as_toml(value)} needs force.dots = false")
+    if scene.force.dots and scene.training.press_symmetry:  # their shifts belong to their places
+        raise ValueError("training.press_symmetry: true needs force.dots = false")
 
 
 def _as_toml(value: bool | float | str) -> str:

@@ -6,7 +6,7 @@ from pydantic import Field
 
 from fastac.scenes.strict import Count, Positive, Strict
 
-LIGHT_NOISE, CURL_WEIGHT, PRESS_REACH = 0.01, 1.0, 0.05
+LIGHT_NOISE, CURL_WEIGHT = 0.01, 1.0
 """Of a training from forces alone whose scene does not say."""
 PATIENCE_SIZES = 3
 """Of a training from forces alone, which fits smooth weights five times: the largest sizes take most of the
@@ -98,13 +98,6 @@ class Training(Strict):
     curl_weight: Annotated[float, Field(ge=0)] | None = Field(None, exclude_if=lambda value: value is None)
     """Weight of the slopes' curl in training, beside the force's relative error, with labels 'force'. Slopes
     of a surface have none; 0 lets the two outputs be any that explain the force. Not given: 1."""
-    press_reach: Annotated[float, Field(ge=0, le=0.25)] | None = Field(
-        None, exclude_if=lambda value: value is None
-    )
-    """How far presses are moved, at most, in copies that the force's weights are fitted to as well, with
-    labels 'force': a share of the image's smaller side. On a gel that is alike everywhere a press has the
-    same force a little farther on, and few presses do not tell. Neither dots nor symmetric weights
-    (`press_symmetry`) go with it. Not given: 0.05."""
     press_symmetry: bool | None = Field(None, exclude_if=lambda value: value is None)
     """Whether the force's weights may be such that a mirrored press has the mirrored force and, on a square
     image, a press turned by a quarter the same F_z, as on a gel that is alike in all directions, with labels
@@ -160,11 +153,6 @@ class Training(Strict):
     def force_curl_weight(self) -> float:
         """`curl_weight`, or what it is where it is not given: 0 with labels 'geometry'."""
         return self._of_forces("curl_weight", CURL_WEIGHT)
-
-    @property
-    def force_reach(self) -> float:
-        """`press_reach`, or what it is where it is not given: 0 with labels 'geometry'."""
-        return self._of_forces("press_reach", PRESS_REACH)
 
     @property
     def force_symmetry(self) -> bool:

@@ -99,6 +99,11 @@ def fits_validation(scene: Scene) -> bool:
     return not scene.wants_interval and scene.training.labels == "geometry"
 
 
+def fits_robustly(scene: Scene) -> bool:
+    """Whether a few wrong forces must not lead the last fit astray: those of a gauge, but not of a rig's."""
+    return scene.training.labels == "force"
+
+
 class DisplacementFit:
     """HyperForce on the displacement (N, N) in mm; the adjoint's weights of the slopes follow from it."""
 
@@ -145,7 +150,7 @@ class WeightFit:
             samples.shifts_px,
             with_validation=fits_validation(scene),
             together=samples.together,
-            reach=scene.training.force_reach,
+            robust=fits_robustly(scene),
             patience=scene.training.patience_sizes,
             progress=progress,
         )
@@ -186,7 +191,7 @@ class SlopeFit(WeightFit):
             samples.group,
             with_validation=fits_validation(scene),
             together=samples.together,
-            reach=scene.training.force_reach,
+            robust=fits_robustly(scene),
             patience=scene.training.patience_sizes,
             progress=progress,
         )

@@ -60,7 +60,6 @@ FORCE = {
     "training.force_epochs": [12, 24, 48],
     "training.light_noise": [0.005, 0.01, 0.02],
     "training.curl_weight": [0.0, 0.3, 1.0, 3.0],
-    "training.press_reach": [0.0, 0.05, 0.1],
 }
 """Where it learns from forces alone."""
 NEAR_CHANGES = 2

@@ -88,11 +88,6 @@ NO_BRIDGE = "[network]\nbridge_dots = false"
         ),
         (
             'labels = "force"',
-            "press_reach = 0.1",
-            "training.press_reach: 0.1 needs training.labels 'force'",
-        ),
-        (
-            'labels = "force"',
             "press_symmetry = true",
             "training.press_symmetry: true needs training.labels 'force'",
         ),
@@ -103,18 +98,12 @@ def test_forces_alone_train_nothing_else(old, new, message):
     assert error(BY_FORCE.replace(old, new)).startswith(message)
 
 
-@pytest.mark.parametrize(
-    ("keys", "message"),
-    [
-        ("press_symmetry = true", "training.press_symmetry: true needs force.dots = false"),
-        ("press_reach = 0.1", "training.press_reach: 0.1 needs force.dots = false"),
-    ],
-)
-def test_dots_belong_to_their_places(keys, message):
+def test_dots_belong_to_their_places():
     text = BY_FORCE.replace('fit = "slopes"', 'fit = "slopes", dots = true')
     text = text.replace('"recorded"', '"recorded", markers = { spacing_mm = 1.6, radius_mm = 0.3 }')
     assert parse(text, origin="x").wants_dots
-    assert error(text.replace('"force" }', f'"force", {keys} }}')).startswith(message)
+    message = "training.press_symmetry: true needs force.dots = false"
+    assert error(text.replace('"force" }', '"force", press_symmetry = true }')).startswith(message)
 
 
 @pytest.mark.parametrize(

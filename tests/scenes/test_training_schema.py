@@ -23,13 +23,6 @@ def test_light_differs_by_a_hundredth_where_the_scene_does_not_say(given, expect
     assert parse(text, origin="x").training.force_light_noise == expected
 
 
-def test_presses_are_moved_where_forces_alone_train():
-    texts = BY_FORCE, BY_FORCE.replace('"force" }', '"force", press_reach = 0.1 }')
-    assert [parse(text, origin="x").training.force_reach for text in texts] == [0.05, 0.1]
-    geometry = parse(BY_FORCE.replace('training = { labels = "force" }', ""), origin="x")
-    assert geometry.training.force_reach == 0
-
-
 def test_the_curl_of_slopes_counts_where_forces_alone_train():
     texts = BY_FORCE, BY_FORCE.replace('"force" }', '"force", curl_weight = 0.3 }')
     assert [parse(text, origin="x").training.force_curl_weight for text in texts] == [1, 0.3]

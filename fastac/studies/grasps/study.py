@@ -2,7 +2,7 @@
 
 Beside the scene's training stand a ridge regression on the pixels and a quadratic in their sum, as in
 `fastac evaluate --leave-one-group-out`; and the same with levelled light, and with what helps taken
-away one after another: the symmetry of presses, the slopes' curl in training, and moved presses.
+away one after another: the symmetry of presses and the slopes' curl in training.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from fastac.studies.grasps import recordings
 from fastac.sweep import pools
 
 FILE = "grasps.json"
-WITHOUT = {"press_symmetry": False, "curl_weight": 0.0, "press_reach": 0.0}
+WITHOUT = {"press_symmetry": False, "curl_weight": 0.0}
 """What helps, and its value where it is left out."""
 WAYS = {
     "as recorded": ({}, {}),

@@ -33,18 +33,24 @@ def background_differences(data: Dataset, index: np.ndarray, smoothing_px: int =
 def linear_fields(
     pixels: dict[str, np.ndarray],
     force_n: dict[str, np.ndarray],
+    group: dict[str, np.ndarray] | None = None,
     *,
     patience: int | None = None,
     progress: bool = False,
 ) -> tuple[np.ndarray, dict]:
     """Fit the linear model F = Σ fields · pixels; returns its fields (axes, H, W, C) and the entry of the
-    chosen size in `smooth_weights.fit`'s history, its cosines and validation error.
+    chosen size in the history of `smooth_weights`, its cosines and validation error, and with `group` its
+    "left_out_mae_n", the error on recordings left out.
 
-    pixels : (frames, H, W, C), differences from the background; force_n : (frames, axes); both by split name
+    pixels : (frames, H, W, C), differences from the background; force_n : (frames, axes); group : (frames,),
+        at least two recordings; all by split name
     patience : as in `smooth_weights.fit`
     """
-    fields, _, history = smooth_weights.fit(pixels, force_n, patience=patience, progress=progress)
-    return fields, ridge.best(history)
+    model = smooth_weights.SmoothWeights(pixels, force_n, robust=True)
+    chosen = ridge.best(model.errors(patience=patience, progress=progress))
+    if group is not None:
+        chosen = chosen | {"left_out_mae_n": model.left_out_error(chosen, group)}
+    return model.weights(chosen, with_validation=False)[0], chosen
 
 
 def force_mixtures(fields: np.ndarray, change: np.ndarray) -> np.ndarray:
@@ -106,31 +112,45 @@ class LinearStart:
     cosines: int
     """Along each axis, of which the fields are sums."""
     validation_mae_n: float
+    left_out_mae_n: float | None
+    """On recordings left out; None where there are not two."""
     of_surfaces: bool
     """Whether the mixtures were chosen as slopes of surfaces, and not by the force that they explain."""
 
 
 def linear_start(
-    change: dict[str, np.ndarray], force_n: dict[str, np.ndarray], scene: Scene, *, progress: bool = False
+    change: dict[str, np.ndarray],
+    force_n: dict[str, np.ndarray],
+    scene: Scene,
+    group: dict[str, np.ndarray] | None = None,
+    *,
+    progress: bool = False,
 ) -> LinearStart:
     """The linear model to begin with. That of slopes of surfaces, if the scene weighs their curl, unless the
-    other's error is far smaller (WORSE).
+    other's error on recordings left out is smaller or, where they are not known, its validation error far
+    smaller (WORSE).
 
-    change : (frames, H, W, C), differences from the background; force_n : (frames, axes); both by split name
+    change : (frames, H, W, C), differences from the background; force_n : (frames, axes); group : (frames,)
+        names of recordings, at least two, if known; all by split name
     """
     keys = {"patience": scene.training.patience_sizes, "progress": progress}
 
     def with_mixtures(mixtures: np.ndarray, *, of_surfaces: bool) -> LinearStart:
         mixed = {split: (pixels @ mixtures.T).astype(np.float32) for split, pixels in change.items()}
-        fields, entry = linear_fields(mixed, force_n, **keys)
-        return LinearStart(mixtures, fields, entry["cosines"], entry["validation_mae_n"], of_surfaces)
+        fields, entry = linear_fields(mixed, force_n, group, **keys)
+        errors = entry["validation_mae_n"], entry.get("left_out_mae_n")
+        return LinearStart(mixtures, fields, entry["cosines"], *errors, of_surfaces)
 
     fields, _ = linear_fields(change, force_n, **keys)
     best = with_mixtures(force_mixtures(fields, change["train"]), of_surfaces=False)
     if not scene.training.force_curl_weight:
         return best
     found = with_mixtures(surface_mixtures(change["train"]), of_surfaces=True)
-    return found if found.validation_mae_n <= WORSE * best.validation_mae_n else best
+    if group is None:
+        return found if found.validation_mae_n <= WORSE * best.validation_mae_n else best
+    # On new objects slopes of a surface should be better. They are not where the image is seen at a slant, or
+    # where one colour does not mean the same slope everywhere.
+    return found if found.left_out_mae_n <= best.left_out_mae_n else best
 
 
 def initial_model(start: LinearStart, data: Dataset, scene: Scene) -> ForceFromPixels:

@@ -4,9 +4,10 @@ Without labelled normals the network's slopes are latent: two functions of a pix
 position that explain the force as Σ (a·Δp + b·Δq). The hardware stays the same. Training starts from a linear
 model (force_start.py). Then network and fields a, b (sums of cosines) are trained on the L1 error of the
 force, and on the curl of the slopes: a surface's slopes have none, which a few objects and forces do not tell
-(integrability.py). Afterwards smooth_weights.py fits the fields again, to the slopes of each arithmetic, with
-the symmetry of presses where it holds (press_symmetry.py). All of it sees each frame under a light of its own
-(light.py), the network another in each epoch.
+(integrability.py). The network that is kept has the mean of its parameters before and after, which says less
+of what no press has shown. Afterwards smooth_weights.py fits the fields again, to the slopes of each
+arithmetic, with the symmetry of presses where it holds (press_symmetry.py). All of it sees each frame under a
+light of its own (light.py), the network another in each epoch.
 
 Where the scene limits the patience, nobody knows beforehand which epoch will be the last, and rates cannot be
 annealed towards it. They stay as they are, and a moving average of the parameters over about an epoch is
@@ -14,6 +15,7 @@ validated and kept, which damps the noise of the steps as small rates would (Pol
 of Stochastic Approximation by Averaging", 1992).
 """
 
+import copy
 from functools import partial
 
 import numpy as np
@@ -38,6 +40,10 @@ from fastac.sensor.dataset import Dataset
 
 WARM_UP_EPOCHS = 0.5
 """Over which rates rise that then stay."""
+TRAINED_SHARE = 0.5
+"""Share of what training has changed in the network's parameters that is kept. Between a model that is right
+roughly everywhere and one that is right where it was trained lie better ones on what is new (Wortsman et al.,
+"Robust fine-tuning of zero-shot models", 2022)."""
 DISTILLED_PX = {"train": 1 << 20, "validation": VALIDATION_PX}
 """Number of pixels with the float network's normals on which the integers are fine-tuned, and judged."""
 
@@ -72,9 +78,10 @@ class Disturbance:
 
 @single_thread()
 def train(data: Dataset, scene: Scene, *, progress: bool = False) -> tuple[PixelNetwork, list[dict]]:
-    """Fit network and weight fields to the train split's forces; returns the network and the learning curve.
+    """Fit network and weight fields to the train split's forces; returns the network, whose parameters are
+    the mean of the linear model's and the trained ones, and the learning curve of the latter.
 
-    The parameters with the smallest validation error are kept, the initial linear model included; without a
+    Of these, those with the smallest validation error are taken, the initial linear model included; without a
     validation split, the last ones. `scene.training.patience_epochs` may end it early.
     """
     settings = scene.training
@@ -85,8 +92,12 @@ def train(data: Dataset, scene: Scene, *, progress: bool = False) -> tuple[Pixel
     smoothing_px = scene.network.smoothing_px
     change = {split: background_differences(data, index, smoothing_px) for split, index in splits.items()}
     force = {split: data.forces_n(index, scene.force_axes) for split, index in splits.items()}
-    start = linear_start(change, force, scene, progress=progress)
+    group = None
+    if data.group is not None and len(np.unique(data.group[np.concatenate([*splits.values()])])) > 1:
+        group = {split: data.group[index] for split, index in splits.items()}
+    start = linear_start(change, force, scene, group, progress=progress)
     model = initial_model(start, data, scene)
+    initial = copy.deepcopy(model.network)
     block = block_size(*data.frames.shape[1:3])
     change = {split: torch.from_numpy(block_averages(pixels, block)) for split, pixels in change.items()}
     force = {split: torch.from_numpy(values) for split, values in force.items()}
@@ -151,7 +162,10 @@ def train(data: Dataset, scene: Scene, *, progress: bool = False) -> tuple[Pixel
         quantity="mae_n",
         progress=progress,
     )
-    return model.network, history
+    with torch.no_grad():
+        for kept, trained in zip(initial.parameters(), model.network.parameters(), strict=True):
+            kept.lerp_(trained, TRAINED_SHARE)
+    return initial, history
 
 
 def _constant(optimiser: torch.optim.Optimizer, steps: int):

@@ -52,7 +52,7 @@ def fit(
     *,
     with_validation: bool = False,
     together: dict[str, np.ndarray] | None = None,
-    reach: float = 0.0,
+    robust: bool = False,
     patience: int | None = None,
     progress: bool = False,
 ) -> tuple[np.ndarray, list[dict]]:
@@ -66,10 +66,9 @@ def fit(
     axes : the names of the forces' columns
     group : the recording of each frame by split name, if known. With fewer than LEAST_GROUPS the error on
         validation frames decides, and without such frames no weights are symmetric.
-    reach : how far copies are moved; symmetric weights are fitted without copies
     The others are as in `smooth_weights.fit`.
     """
-    plain = SmoothWeights(slopes, force_n, reach=reach)
+    plain = SmoothWeights(slopes, force_n, robust=robust)
     height, width = plain.shape[:2]
 
     def restrict(column: int, size: int) -> np.ndarray:

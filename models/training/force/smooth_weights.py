@@ -6,26 +6,21 @@ or the displacement. The fields w_t, sums of the lowest m × m cosines (DCT-II),
 regularisation are those of the smallest error on held-out frames (`ridge.held_out_errors`).
 Fitted to what a pipeline finds, the weights take its noise and errors into account, which those that
 models/floating/adjoint.py derives do not.
-
-Presses at few places leave open how the weights go on between them. Copies of the frames that are moved a
-little, with the same force, say so: on a gel that is alike everywhere a press has the same force elsewhere.
 """
 
 import copy
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import NamedTuple, Self
 
 import numpy as np
 from scipy.fft import dctn, idct, idctn
 
-from fastac.models.training.force import ridge
+from fastac.models.training.force import ridge, robust_ridge
 from fastac.store.progress import progress_bar
 
 SIZES = (2, 4, 6, 8, 10, 12, 16, 24, 32)
 """Numbers m of cosines along each axis that are tried."""
-MOVED_COPIES = 2
-"""Of each training frame."""
 FOLDS = 8
 """Into at most so many parts groups of frames are divided, of which each is left out once."""
 
@@ -46,20 +41,6 @@ def lowest_cosines(images: Iterable[np.ndarray], size: int) -> np.ndarray:
     return np.stack([dctn(frame, axes=(0, 1), norm="ortho")[:size, :size] for frame in images])
 
 
-def moved(images: np.ndarray, reach: float, rng: np.random.Generator) -> Iterator[np.ndarray]:
-    """Each of the images (frames, H, W, terms), moved along both axes by whole pixels chosen by chance.
-
-    reach : the largest distance, as a share of the image's smaller side
-    What comes in at a border is what was there.
-    """
-    height, width = images.shape[1:3]
-    most = round(reach * min(height, width))
-    for image in images:
-        down, right = rng.integers(-most, most + 1, 2)
-        rows = np.clip(np.arange(height) - down, 0, height - 1)
-        yield image[rows[:, None], np.clip(np.arange(width) - right, 0, width - 1)]
-
-
 class _Problem(NamedTuple):
     """One ridge regression: some columns of the forces on features that they have in common."""
 
@@ -76,9 +57,8 @@ class SmoothWeights:
 
     images : (frames, H, W, terms) by split name, such as slopes less those of the background, with two terms
     force_n : (frames, axes), shifts_px : (frames, M, 2) of marker dots, if any; by split name
-    reach : how far copies of the train split's images are moved, as in `moved`; none are where it is 0, where
-        there are dots, whose shifts belong to their places, or no validation split, for the copies of a frame
-        that is held out would tell its force
+
+    robust : whether weights are fitted with Huber's loss (models/training/force/robust_ridge.py)
 
     Every cosine of every term has a weight of its own, but in `restricted` regressions.
     """
@@ -89,27 +69,19 @@ class SmoothWeights:
         force_n: dict[str, np.ndarray],
         shifts_px: dict[str, np.ndarray] | None = None,
         *,
-        reach: float = 0.0,
+        robust: bool = False,
     ):
         self.shape, self.shifts_px = images["train"].shape[1:], shifts_px
+        self.fit = robust_ridge.fit if robust else ridge.fit
         self.restrict: Restriction | None = None
         self.sizes = [size for size in SIZES if size <= min(self.shape[:2])]
         self.cosines = {split: lowest_cosines(values, self.sizes[-1]) for split, values in images.items()}
-        self.force_n, self.copies = force_n, 0
-        if reach and shifts_px is None and "validation" in images:
-            rng, self.copies = np.random.default_rng(0), MOVED_COPIES
-            found = [moved(images["train"], reach, rng) for _ in range(self.copies)]
-            every = [self.cosines["train"], *(lowest_cosines(each, self.sizes[-1]) for each in found)]
-            self.cosines["train"] = np.concatenate(every)
-            self.force_n = {**force_n, "train": np.tile(force_n["train"], (1 + self.copies, 1))}
+        self.force_n = force_n
 
     def restricted(self, restrict: Restriction) -> Self:
-        """Regressions on the same frames without moved copies, with fields made of what `restrict` says."""
+        """Regressions on the same frames, with fields made of what `restrict` says."""
         found = copy.copy(self)
-        count = len(self.cosines["train"]) // (1 + self.copies)
-        found.restrict, found.copies = restrict, 0
-        found.cosines = {**self.cosines, "train": self.cosines["train"][:count]}
-        found.force_n = {**self.force_n, "train": self.force_n["train"][:count]}
+        found.restrict = restrict
         return found
 
     def _problems(self, size: int) -> list[_Problem]:
@@ -145,13 +117,11 @@ class SmoothWeights:
         """Validation errors of all sizes and strengths, [{"cosines": …, "regularisation": …,
         "validation_mae_n": …}].
 
-        together, with_validation : as in `ridge.held_out_errors`. With moved copies, which tell of their
-            frame, the validation split is held out as a whole.
+        together, with_validation : as in `ridge.held_out_errors`
         patience : how many m in a row, from the smallest on, may not lower the error before no larger one is
             tried; None: all are tried. The largest take nearly all of the time.
         """
         ridge.check(self.force_n)
-        together = None if self.copies else together
         find = partial(ridge.held_out_errors, together=together, with_validation=with_validation)
         history, waited, smallest = [], 0, np.inf
         for size in progress_bar(self.sizes, desc="force, weights", unit="basis", enabled=progress):
@@ -180,7 +150,8 @@ class SmoothWeights:
         *outer, terms = self.shape
         size, fields, of_dots = chosen["cosines"], [], []
         for _, places, x, force_n in self._problems(size):
-            found = ridge.fit_known(x, force_n, chosen, with_validation=with_validation)
+            x, force_n = (ridge.known(values, with_validation=with_validation) for values in (x, force_n))
+            found = self.fit(x, force_n, chosen)
             if places is None:
                 places = np.arange(size * size * terms)[None]
             of_images, dots = ridge.parted(found, places.shape[1])
@@ -199,20 +170,16 @@ class SmoothWeights:
 
         group : (frames,) names by split name, of at least two groups
         """
-        times = {split: 1 + self.copies * (split == "train") for split in self.cosines}
-        every = np.concatenate([np.tile(group[split], times[split]) for split in self.cosines])
-        copied = np.concatenate(
-            [np.arange(times[split] * len(group[split])) >= len(group[split]) for split in self.cosines]
-        )
+        every = np.concatenate([group[split] for split in self.cosines])
         names, code = np.unique(every, return_inverse=True)
         found = np.zeros(len(names))
         for _, _, x, force_n in self._problems(chosen["cosines"]):
             x, force_n = (ridge.known(values, with_validation=True) for values in (x, force_n))
             for part in range(min(len(names), FOLDS)):
                 seen = code % FOLDS != part
-                weights = ridge.fit(x[seen], force_n[seen], chosen)
+                weights = self.fit(x[seen], force_n[seen], chosen)
                 for k in range(part, len(names), FOLDS):
-                    out = (code == k) & ~copied
+                    out = code == k
                     found[k] += np.abs(x[out] @ weights - force_n[out]).sum(axis=1).mean()
         return float(found.mean())
 
@@ -224,20 +191,20 @@ def fit(
     *,
     with_validation: bool = False,
     together: dict[str, np.ndarray] | None = None,
-    reach: float = 0.0,
+    robust: bool = False,
     patience: int | None = None,
     progress: bool = False,
 ) -> tuple[np.ndarray, np.ndarray | None, list[dict]]:
     """Fit the weights of the images, (axes, H, W, terms) in N, and of the dots' shifts, (axes, M, 2) in N per
     px; returns them, None without shifts, and the errors of all m tried.
 
-    images, force_n, shifts_px, reach : as in `SmoothWeights`; patience : as in its `errors`
+    images, force_n, shifts_px, robust : as in `SmoothWeights`; patience : as in its `errors`
     with_validation : whether the weights are fitted to the frames of both splits instead of those of the
         train split
     together : which frames belong together; with it m and the regularisation are chosen as by
         `ridge.held_out_errors`
     """
-    model = SmoothWeights(images, force_n, shifts_px, reach=reach)
+    model = SmoothWeights(images, force_n, shifts_px, robust=robust)
     history = model.errors(
         together=together, with_validation=with_validation, patience=patience, progress=progress
     )

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fastac.flow.force_fits import FITS, ForceSamples, fits_validation
+from fastac.flow.force_fits import FITS, ForceSamples, fits_robustly, fits_validation
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.hyperforce import coordinates
 from fastac.models.integer.force import block_means
@@ -20,6 +20,8 @@ def test_presses_that_others_need_unseen_are_not_fitted(make_scene):
     }
     assert fits_validation(make_scene(**forces))
     assert not fits_validation(make_scene(**forces, training={"labels": "force"}))
+    assert not fits_robustly(make_scene(**forces))
+    assert fits_robustly(make_scene(**forces, training={"labels": "force"}))
     with_interval = forces | {"force": forces["force"] | {"coverage": 0.9}}
     assert not fits_validation(make_scene(**with_interval))
 
@@ -47,6 +49,31 @@ def test_weights_of_slopes_are_symmetric_where_recordings_left_out_gain_by_it(ma
         plain, _, history = fitted(training)
         assert "symmetric" not in history[0]
         assert np.abs(plain[0, :, ::-1] - plain[0] * [-1, 1]).max() > 1e-3 * np.abs(plain).max()
+
+
+def test_wrong_forces_of_a_gauge_do_not_lead_weights_of_slopes_astray(make_scene):
+    slopes, force_n, group = recordings()
+    keys = {"outputs": ["force_z"], "poisson": {"solver": "adjoint"}}
+    keys["force"] = {"clamp": False, "fit": "slopes"}
+    wrong = {split: values.copy() for split, values in force_n.items()}
+    wrong["train"][::9] -= 20 * np.abs(force_n["train"]).max()
+    rest_mm = np.zeros(slopes["train"].shape[1:3])
+    dots = {split: np.zeros((len(values), 1, 2)) for split, values in slopes.items()}
+
+    def error(training, **known):
+        found, *_ = FITS["slopes"].fit(
+            make_scene(**keys, training=training),
+            None,
+            ForceSamples(slopes, wrong, rest_mm, group=group, **known),
+            progress=False,
+        )
+        estimate = np.einsum("nijt,aijt->na", slopes["validation"], found)
+        return np.abs(estimate - force_n["validation"]).mean()
+
+    plain = error({"labels": "geometry"})
+    assert error({"labels": "force"}) < 0.3 * plain  # symmetric
+    assert error({"labels": "force", "press_symmetry": False}) < 0.3 * plain
+    assert error({"labels": "force"}, shifts_px=dots) < 0.3 * plain
 
 
 def test_polynomials_are_those_of_the_skin_at_rest(make_scene):

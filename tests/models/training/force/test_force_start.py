@@ -6,13 +6,14 @@ import torch
 
 from fastac.models.floating.network import predict, slopes_of
 from fastac.models.integer.features import integer_features
-from fastac.models.training.force import force_start
+from fastac.models.training.force import force_start, ridge
 from fastac.models.training.force.force_start import (
     force_mixtures,
     linear_network,
     linear_start,
     surface_mixtures,
 )
+from fastac.models.training.force.smooth_weights import SmoothWeights
 
 
 def test_a_linear_network_has_the_mixtures_for_slopes():
@@ -73,6 +74,21 @@ class TestLinearStart:
         assert start.of_surfaces
         found = slopes @ mixing @ start.mixtures.T
         assert abs(np.corrcoef(found.reshape(-1, 2).T, slopes.reshape(-1, 2).T)[0, 2]) > 0.99
+
+    def test_errors_on_recordings_left_out_decide_where_several_are_known(self, dents, scene, monkeypatch):
+        slopes, mixing = dents
+        change, force_n = self.presses(slopes, mixing)
+        group = {split: np.arange(len(values)) % 3 for split, values in force_n.items()}
+        start = linear_start(change, force_n, scene(), group)
+        assert start.of_surfaces
+        model = SmoothWeights(
+            {s: (x @ start.mixtures.T).astype(np.float32) for s, x in change.items()}, force_n, robust=True
+        )
+        assert start.left_out_mae_n == model.left_out_error(ridge.best(model.errors()), group)
+        errors = iter((1.0, 1.001))
+        monkeypatch.setattr(SmoothWeights, "left_out_error", lambda *_: next(errors))
+        assert not linear_start(change, force_n, scene(), group).of_surfaces
+        assert linear_start(change, force_n, scene()).left_out_mae_n is None
 
     def test_without_a_weight_of_the_curl_it_begins_with_what_explains_the_force(self, dents, scene):
         assert not linear_start(*self.presses(*dents), scene(curl_weight=0.0)).of_surfaces

@@ -114,6 +114,21 @@ def test_the_best_on_validation_is_kept(forces_only, scene):
         torch.testing.assert_close(a.weight, b.weight)
 
 
+def test_half_of_what_training_changes_is_kept(forces_only, scene, monkeypatch):
+    assert from_forces.TRAINED_SHARE == 0.5
+
+    def parameters(share):
+        monkeypatch.setattr(from_forces, "TRAINED_SHARE", share)
+        network, history = from_forces.train(forces_only, scene)
+        assert min(history, key=lambda entry: entry["validation_mae_n"])["epoch"] > 0
+        return [values.detach() for values in network.parameters()]
+
+    kept, start, trained = (parameters(share) for share in (0.5, 0.0, 1.0))
+    for middle, first, last in zip(kept, start, trained, strict=True):
+        torch.testing.assert_close(middle, (first + last) / 2)
+    assert any(not torch.equal(first, last) for first, last in zip(start, trained, strict=True))
+
+
 def test_training_is_repeatable_and_noise_and_light_change_it(forces_only, scene):
     def errors(**changes):
         training = scene.training.model_copy(update=changes)

@@ -1,0 +1,58 @@
+"""Ridge regression that a few wrong forces do not lead astray.
+
+A gauge that is pulled while the gripper opens, or that lags behind the camera, gives forces that the skin
+never felt. Squares of such errors would outweigh thousands of right frames. Huber's loss counts errors that
+are large, beside those of most frames, by their magnitude instead.
+Source: Huber, "Robust Estimation of a Location Parameter", 1964; Holland, Welsch, "Robust Regression Using
+Iteratively Reweighted Least-Squares", 1977.
+"""
+
+import numpy as np
+from scipy.linalg import solve
+
+from fastac.models.training.force import ridge
+
+TUNING = 1.345
+"""Standard deviations beyond which an error counts by its magnitude. Where errors are normal, a twentieth of
+the frames' information is lost."""
+NORMAL = 1.4826
+"""Standard deviation of a normal distribution whose median magnitude is 1."""
+ITERATIONS = 8
+SMALLEST = 1e-9
+"""Share of the largest force below which no error counts by its magnitude: where all is exact, none does."""
+LEAST_PENALTY = 1e-12
+"""Share of the Gram matrix's trace: less would be lost beside its rounding."""
+
+
+def fit(x: np.ndarray, force_n: np.ndarray, attempt: dict) -> np.ndarray:
+    """Weights (features, axes) of x (frames, features) for force_n (frames, axes) in N, with the
+    regularisation of `attempt`, as `ridge.fit` but with Huber's loss.
+
+    Each axis has outliers of its own.
+    """
+    x = x.astype(np.float64)
+    scale = ridge.root_mean_squares(x)
+    found = [_axis(x / scale, values, attempt["regularisation"]) for values in force_n.T]
+    return np.stack(found, axis=1) / scale[:, None]
+
+
+def _axis(x: np.ndarray, force_n: np.ndarray, regularisation: float) -> np.ndarray:
+    """Weights (features,) for the forces (frames,) of one axis."""
+    share, smallest_n = np.ones(len(x)), max(SMALLEST * np.abs(force_n).max(), np.finfo(float).tiny)
+    for _ in range(ITERATIONS):
+        found = _weighted(x, force_n, share, regularisation)
+        error_n = np.abs(x @ found - force_n)
+        limit_n = max(TUNING * NORMAL * np.median(error_n), smallest_n)
+        share = limit_n / np.maximum(error_n, limit_n)
+    return found
+
+
+def _weighted(x: np.ndarray, force_n: np.ndarray, share: np.ndarray, regularisation: float) -> np.ndarray:
+    """The ridge regression in which each frame's square counts by its share; the regularisation is relative
+    to the weighted frames' power, as in `ridge.solve`."""
+    weighted = x * share[:, None]
+    gram = x.T @ weighted
+    power = np.trace(gram)
+    penalty = power * max(regularisation / len(x), LEAST_PENALTY)
+    gram[np.diag_indices_from(gram)] += penalty or 1.0  # without any power there is no force to explain
+    return solve(gram, weighted.T @ force_n, assume_a="pos")
