@@ -20,8 +20,6 @@ LONGEST_INDEX = 9
 """Digits of a frame's index: no recording has more frames."""
 BLOCKS, VALIDATION_BLOCKS = 10, (3, 8)
 """Validation takes whole stretches of frames, since neighbours look alike: these two of each group's ten."""
-
-
 LARGEST_PULL = 0.05
 """Share of a recording's largest F_z, in compression, by which it may be negative: a gauge's zero drifts."""
 
@@ -77,6 +75,15 @@ def split_by_group(group: np.ndarray, held_out: tuple[str, ...]) -> np.ndarray:
     return split
 
 
+def known_groups(origin: Path | str, group: np.ndarray, held_out: tuple[str, ...]) -> list[str]:
+    """The names of the groups of the frames, in order. Raises ImportFailure for groups that are not there."""
+    groups = list(dict.fromkeys(group.tolist()))
+    for name in held_out:
+        if name not in groups:
+            raise ImportFailure(f"{origin}: group {name!r}: expected one of {', '.join(groups)}")
+    return groups
+
+
 def split_held_out(
     origin: Path | str, group: np.ndarray, held_out: tuple[str, ...], advice: str = ""
 ) -> np.ndarray:
@@ -85,10 +92,7 @@ def split_held_out(
     Raises ImportFailure, which begins with `origin`, for groups that are not there and where nothing is left
     to test or to train on; `advice` says what helps where there is one group alone.
     """
-    groups = list(dict.fromkeys(group.tolist()))
-    for name in held_out:
-        if name not in groups:
-            raise ImportFailure(f"{origin}: group {name!r}: expected one of {', '.join(groups)}")
+    groups = known_groups(origin, group, held_out)
     if len(groups) == 1:
         raise ImportFailure(
             f"{origin}: group = {groups[0]!r} in every row: nothing can be held out{advice and '; '}{advice}"

@@ -11,7 +11,7 @@ import numpy as np
 from fastac.sensor.importers import force_labels
 from fastac.sensor.importers.footage import ImportFailure, Photographs, Video, check_scale, footage
 from fastac.sensor.importers.force_frames import ForceFrame, Written, write_forces
-from fastac.sensor.importers.force_labels import Labels, split_held_out
+from fastac.sensor.importers.force_labels import Labels, known_groups, split_held_out
 from fastac.store.progress import progress_bar
 
 MAX_BACKGROUND_FORCE_SHARE = 0.1
@@ -124,11 +124,13 @@ class _Recording:
                 yield ForceFrame(image, force_n, self.name(group), group, place, split[row])
 
 
-def _splits(every: list[Labels], held_out: tuple[str, ...]) -> list[np.ndarray]:
-    """The split of each file's rows: the files' own, or by groups; without `held_out` the last group is the
-    test split."""
+def _check_alike(every: list[Labels]) -> None:
+    """Raise ImportFailure unless all files have the same columns, and each is named once."""
+    paths = [str(labels.path) for labels in every]
+    for path in paths:
+        if paths.count(path) > 1:
+            raise ImportFailure(f"{path}: named twice: expected a file of forces for each recording")
     first, *others = every
-    group, origin = np.concatenate([labels.group for labels in every]), ", ".join(str(x.path) for x in every)
     for labels in others:
         if (labels.split is None) != (first.split is None):
             has, lacks = (first, labels) if labels.split is None else (labels, first)
@@ -136,14 +138,17 @@ def _splits(every: list[Labels], held_out: tuple[str, ...]) -> list[np.ndarray]:
         if labels.axes != first.axes:
             axes = " and ".join(force_labels.COLUMNS[axis] for axis in first.axes)
             raise ImportFailure(f"{labels.path}: forces: expected {axes}, as {first.path} has")
-    if first.split is None:
+
+
+def _splits(origin: str, every: list[Labels], held_out: tuple[str, ...]) -> list[np.ndarray]:
+    """The split of each file's rows: the files' own, or by groups; without `held_out` the last group is the
+    test split."""
+    group = np.concatenate([labels.group for labels in every])
+    if every[0].split is None:
         advice = "name several groups or give a column split"
         split = split_held_out(origin, group, held_out, advice)
         return np.split(split, np.cumsum([len(labels.frame) for labels in every])[:-1])
-    groups = list(dict.fromkeys(group.tolist()))
-    for name in held_out:
-        if name not in groups:
-            raise ImportFailure(f"{origin}: group {name!r}: expected one of {', '.join(groups)}")
+    known_groups(origin, group, held_out)
     if held_out:
         raise ImportFailure(f"{origin}: split: a column of its own, so no group can be held out too")
     return [labels.split for labels in every]
@@ -183,11 +188,9 @@ def import_recordings(
         for source, forces in recordings
     ]
     every = [recording.labels for recording in known]
-    paths = [str(labels.path) for labels in every]
-    for path in paths:
-        if paths.count(path) > 1:
-            raise ImportFailure(f"{path}: named twice: expected a file of forces for each recording")
-    splits = _splits(every, held_out)
+    _check_alike(every)
+    origin = ", ".join(str(labels.path) for labels in every)
+    splits = _splits(origin, every, held_out)
     backgrounds = {}
     for recording in known:
         backgrounds |= recording.backgrounds(progress)
@@ -195,7 +198,7 @@ def import_recordings(
         chain.from_iterable(recording.samples(split) for recording, split in zip(known, splits, strict=True)),
         sum(len(labels.frame) for labels in every),
         backgrounds,
-        origin=", ".join(paths),
+        origin=origin,
         pitch_mm=pitch_mm,
         source=f"recorded: forces from {', '.join(recording.source.path.name for recording in known)}",
         output=output,

@@ -113,7 +113,7 @@ class LinearStart:
     """Along each axis, of which the fields are sums."""
     validation_mae_n: float
     left_out_mae_n: float | None
-    """On recordings left out; None where there are not two."""
+    """On recordings left out; None where they did not choose."""
     of_surfaces: bool
     """Whether the mixtures were chosen as slopes of surfaces, and not by the force that they explain."""
 
@@ -131,8 +131,10 @@ def linear_start(
     smaller (WORSE).
 
     change : (frames, H, W, C), differences from the background; force_n : (frames, axes); group : (frames,)
-        names of recordings, at least two, if known; all by split name
+        names of recordings, if known; all by split name
     """
+    if not (scene.training.force_curl_weight and smooth_weights.can_leave_out(group)):
+        group = None  # nothing is compared, or nothing can be left out
     keys = {"patience": scene.training.patience_sizes, "progress": progress}
 
     def with_mixtures(mixtures: np.ndarray, *, of_surfaces: bool) -> LinearStart:

@@ -92,9 +92,7 @@ def train(data: Dataset, scene: Scene, *, progress: bool = False) -> tuple[Pixel
     smoothing_px = scene.network.smoothing_px
     change = {split: background_differences(data, index, smoothing_px) for split, index in splits.items()}
     force = {split: data.forces_n(index, scene.force_axes) for split, index in splits.items()}
-    group = None
-    if data.group is not None and len(np.unique(data.group[np.concatenate([*splits.values()])])) > 1:
-        group = {split: data.group[index] for split, index in splits.items()}
+    group = None if data.group is None else {split: data.group[index] for split, index in splits.items()}
     start = linear_start(change, force, scene, group, progress=progress)
     model = initial_model(start, data, scene)
     initial = copy.deepcopy(model.network)

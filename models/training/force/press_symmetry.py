@@ -21,11 +21,8 @@ from side to side. So the last fit is repeated without each recording, with the 
 import numpy as np
 
 from fastac.models.training.force import ridge
-from fastac.models.training.force.smooth_weights import SmoothWeights
+from fastac.models.training.force.smooth_weights import SmoothWeights, can_leave_out
 
-LEAST_GROUPS = 2
-"""Fewest recordings with which leaving each out decides whether weights are symmetric; with fewer the
-validation frames decide."""
 ODD = {"x": ((0, 0), (1, 1)), "y": ((1, 1), (0, 0)), "z": ((0, 1), (1, 0))}
 """For each axis of the force whether k_y and k_x are odd, of p's cosines and of q's."""
 
@@ -64,7 +61,7 @@ def fit(
 
     slopes : (frames, H, W, 2), less those of the background, by split name
     axes : the names of the forces' columns
-    group : the recording of each frame by split name, if known. With fewer than LEAST_GROUPS the error on
+    group : the recording of each frame by split name, if known. With one alone the error on
         validation frames decides, and without such frames no weights are symmetric.
     The others are as in `smooth_weights.fit`.
     """
@@ -75,7 +72,7 @@ def fit(
         return places(axes[column], size, square=height == width)
 
     candidates = {False: plain}
-    by_group = group is not None and len(np.unique(np.concatenate([*group.values()]))) >= LEAST_GROUPS
+    by_group = can_leave_out(group)
     if by_group or "validation" in slopes:
         candidates[True] = plain.restricted(restrict)
     histories = {

@@ -32,7 +32,8 @@ def fit(x: np.ndarray, force_n: np.ndarray, attempt: dict) -> np.ndarray:
     """
     x = x.astype(np.float64)
     scale = ridge.root_mean_squares(x)
-    found = [_axis(x / scale, values, attempt["regularisation"]) for values in force_n.T]
+    x /= scale
+    found = [_axis(x, values, attempt["regularisation"]) for values in force_n.T]
     return np.stack(found, axis=1) / scale[:, None]
 
 

@@ -23,6 +23,8 @@ SIZES = (2, 4, 6, 8, 10, 12, 16, 24, 32)
 """Numbers m of cosines along each axis that are tried."""
 FOLDS = 8
 """Into at most so many parts groups of frames are divided, of which each is left out once."""
+LEAST_GROUPS = 2
+"""Fewest groups of which one can be left out."""
 
 Restriction = Callable[[int, int], np.ndarray]
 """Which cosines an axis' fields are made of. Called with the axis' column in the forces and the size m, it
@@ -39,6 +41,11 @@ def lowest_cosines(images: Iterable[np.ndarray], size: int) -> np.ndarray:
     """DCT-II coefficients of the lowest size × size cosines, images (H, W, terms) to (frames, size, size,
     terms)."""
     return np.stack([dctn(frame, axes=(0, 1), norm="ortho")[:size, :size] for frame in images])
+
+
+def can_leave_out(group: dict[str, np.ndarray] | None) -> bool:
+    """Whether there are groups enough to leave each out once: (frames,) names by split name, if known."""
+    return group is not None and len(np.unique(np.concatenate([*group.values()]))) >= LEAST_GROUPS
 
 
 class _Problem(NamedTuple):
@@ -168,7 +175,7 @@ class SmoothWeights:
         """Mean absolute error in N on groups that were left out, with the size and strength of an entry of
         `errors`. Groups are divided into FOLDS parts, each left out once, and count alike in the mean.
 
-        group : (frames,) names by split name, of at least two groups
+        group : (frames,) names by split name, of which `can_leave_out`
         """
         every = np.concatenate([group[split] for split in self.cosines])
         names, code = np.unique(every, return_inverse=True)
