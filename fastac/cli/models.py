@@ -10,6 +10,7 @@ from fastac.cli.common import (
     INPUT,
     OUTPUT_FILE,
     OUTPUT_FOLDER,
+    Counts,
     build_folder,
     load_bundle,
     load_scene,
@@ -90,15 +91,20 @@ def print_errors(errors: dict) -> None:
     type=click.IntRange(1),
     help="Groups that are left out side by side. [default: one for each core]",
 )
+@click.option(
+    "--seeds",
+    type=Counts(),
+    help="Seeds of the trainings with --leave-one-group-out, such as 1,2,3. [default: the scene's own]",
+)
 @click.option("--json", "json_file", type=OUTPUT_FILE, help="Also write the errors to this file.")
 @progress_option
-def evaluate(bundle, data, split, leave_one_group_out, jobs, json_file, progress):
+def evaluate(bundle, data, split, leave_one_group_out, jobs, seeds, json_file, progress):
     """Print the errors of BUNDLE's float and integer models against the ground truth of a dataset.
 
     With --leave-one-group-out, models like BUNDLE's are trained from the forces of all groups but one and
-    tested on that one. Two baselines are listed beside them: ridge regression on the pixels, and a quadratic
-    in the summed difference from the background. Each group is trained on one core. Finished trainings are
-    kept in the step store.
+    tested on that one. Baselines are listed beside them: ridge regression on the pixels, the same with
+    errors that are large beside most counted by their magnitude, and a quadratic in the summed difference
+    from the background. Each group is trained on one core. Finished trainings are kept in the step store.
 
     \b
     Example: fastac evaluate build/paper --data build/paper/data.h5
@@ -108,8 +114,9 @@ def evaluate(bundle, data, split, leave_one_group_out, jobs, json_file, progress
     from fastac.store.files import write_json
     from fastac.sweep.pools import local_pool
 
-    if jobs and not leave_one_group_out:
-        raise click.UsageError("--jobs is for --leave-one-group-out")
+    for option, value in (("--jobs", jobs), ("--seeds", seeds)):
+        if value and not leave_one_group_out:
+            raise click.UsageError(f"{option} is for --leave-one-group-out")
     jobs = jobs or os.cpu_count() or 1
     sensor = api.load(bundle)
     samples = sensor.read(data, progress=progress)
@@ -120,6 +127,7 @@ def evaluate(bundle, data, split, leave_one_group_out, jobs, json_file, progress
                 sensor.scene,
                 data,
                 store_beside(bundle),
+                seeds=seeds,
                 start=pool and pool.start,
                 progress=progress,
             )

@@ -254,7 +254,7 @@ def grasps(scene, seeds, presses, jobs, output, store, progress):
     """Measure forces that were learned from forces alone, on objects that nothing was learned from.
 
     SCENE trains from forces, as scenes/grasp.toml does. Eight objects are pressed on a small virtual gel, and
-    the light differs from recording to recording. Each object is left out once, beside a ridge regression on
+    the light differs from recording to recording. Each object is left out once, beside ridge regressions on
     the pixels and a quadratic in their sum; and all of it with levelled light (sensor.level_light), without
     training.press_symmetry, and without training.curl_weight either.
     Trainings are kept in the step store, so an interrupted study goes on.

@@ -1,6 +1,6 @@
-"""What a model trained from forces is worth: each group left out once, and two simple models beside it."""
+"""What a model trained from forces is worth: each group left out once, and simple models beside it."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, as_completed
 from dataclasses import replace
 from pathlib import Path
@@ -11,9 +11,10 @@ from threadpoolctl import threadpool_limits
 from fastac.flow import force_training, frames, training
 from fastac.models import accuracy
 from fastac.models.integer.bundle import Bundle
-from fastac.models.training.force import smooth_weights
+from fastac.models.training.force import ridge
 from fastac.models.training.force.force_start import background_differences
-from fastac.report.tables import text_table
+from fastac.models.training.force.smooth_weights import SmoothWeights
+from fastac.report.tables import mean_and_spread, text_table
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset, DatasetError
 from fastac.sensor.importers.force_labels import split_by_group
@@ -23,9 +24,9 @@ from fastac.store.side_by_side import ended
 from fastac.store.steps import Step
 from fastac.store.store import open_store
 
-MODELS = ("float", "integer", "linear", "quadratic")
-"""Columns of the table: the model's two arithmetics, a ridge on the pixels' differences from the background,
-and a quadratic in their sum."""
+MODELS = ("float", "integer", "linear", "robust linear", "quadratic")
+"""Columns of the table: the model's two arithmetics, a ridge on the pixels' differences from the background
+with squares of errors and with Huber's loss, and a quadratic in the differences' sum."""
 
 
 def check(data: Dataset, scene: Scene, path: Path) -> list[str]:
@@ -43,20 +44,26 @@ def check(data: Dataset, scene: Scene, path: Path) -> list[str]:
     return groups
 
 
-def linear_force_n(data: Dataset, axes: tuple[int, ...], patience: int | None = None) -> np.ndarray:
-    """Forces (test frames, axes) of a ridge on the pixels' differences, its weights smooth over the image.
+def linear_forces_n(
+    data: Dataset, axes: tuple[int, ...], patience: int | None = None
+) -> dict[str, np.ndarray]:
+    """Forces (test frames, axes) of two ridges on the pixels' differences, whose weights are smooth over the
+    image: "linear" by squares of errors, "robust linear" by Huber's loss, with the same regularisation.
 
     The differences are those of single pixels, whatever the scene's network sees.
 
-    patience : as in `smooth_weights.fit`
+    patience : as in `SmoothWeights.errors`
     """
     splits = {split: index for split in ("train", "validation") if len(index := data.indices(split))}
-    weights, *_ = smooth_weights.fit(
-        {split: background_differences(data, index) for split, index in splits.items()},
-        {split: data.forces_n(index, axes) for split, index in splits.items()},
-        patience=patience,
-    )
-    return np.einsum("nijc,aijc->na", background_differences(data, data.indices("test")), weights)
+    change = {split: background_differences(data, index) for split, index in splits.items()}
+    force = {split: data.forces_n(index, axes) for split, index in splits.items()}
+    tested = background_differences(data, data.indices("test"))
+    chosen = ridge.best(SmoothWeights(change, force).errors(patience=patience))
+    found = {}
+    for name, robust in (("linear", False), ("robust linear", True)):
+        weights, _ = SmoothWeights(change, force, robust=robust).weights(chosen, with_validation=False)
+        found[name] = np.einsum("nijc,aijc->na", tested, weights)
+    return found
 
 
 def quadratic_force_n(data: Dataset, axes: tuple[int, ...]) -> np.ndarray:
@@ -101,7 +108,7 @@ def without_group(folder: Path, data: Path, scene: Scene, group: str, *, store: 
             if name in MODELS
         }
         estimates = {
-            "linear": linear_force_n(known, scene.force_axes, scene.training.patience_sizes),
+            **linear_forces_n(known, scene.force_axes, scene.training.patience_sizes),
             "quadratic": quadratic_force_n(known, scene.force_axes),
         }
     found |= {name: float(np.abs(estimate - truth).mean()) for name, estimate in estimates.items()}
@@ -133,40 +140,65 @@ def evaluate(
     path: Path,
     store: Path,
     *,
+    seeds: Sequence[int] | None = None,
     start: Callable[[], Executor] | None = None,
     progress: bool,
 ) -> dict:
-    """Errors with each group left out, {"groups": {name: …}, "mean_mae_n": {model: N}}.
+    """Errors with each group left out, {"data": …, "seeds": [...], "runs": [{"groups": {name: …},
+    "mean_mae_n": {model: N}}, one for each seed]}.
 
-    Each group's trainings are a step of the store in the folder `store`, so that an interrupted run goes on
+    Each group's training is a step of the store in the folder `store`, so that an interrupted run goes on
     where it stopped. Groups count alike in the mean.
 
-    start : makes the processes that train groups side by side; None, or one group: this process does
+    seeds : of the trainings, one of each group with each; None: the scene's own
+    start : makes the processes that train groups side by side; None, or one training: this process does
     """
     groups, kept = check(data, scene, path), open_store(store)
-    steps = {name: step_of(path, scene, name, store, progress=progress) for name in groups}
-    missing = [name for name, step in steps.items() if not kept.is_current(step)]
-    with progress_bar(total=len(groups), desc="groups", unit="group", enabled=progress, leave=True) as bar:
-        bar.update(len(groups) - len(missing))
+    seeds = [scene.training.seed] if seeds is None else list(seeds)
+    scenes = [_with_seed(scene, seed) for seed in seeds]
+    steps = {
+        (k, name): step_of(path, own, name, store, progress=progress)
+        for k, own in enumerate(scenes)
+        for name in groups
+    }
+    missing = [key for key, step in steps.items() if not kept.is_current(step)]
+    with progress_bar(total=len(steps), desc="groups", unit="group", enabled=progress, leave=True) as bar:
+        bar.update(len(steps) - len(missing))
         if start is not None and len(missing) > 1:
-            for _ in _side_by_side([(path, scene, name, store) for name in missing], start()):
+            tasks = [(path, scenes[k], name, store) for k, name in missing]
+            for _ in _side_by_side(tasks, start()):
                 bar.update()
         else:
-            for name in missing:
-                kept.value(steps[name])
+            for key in missing:
+                kept.value(steps[key])
                 bar.update()
-    found = {name: kept.value(step) for name, step in steps.items()}
-    means = {model: float(np.mean([entry["mae_n"][model] for entry in found.values()])) for model in MODELS}
-    return {"data": str(path), "groups": found, "mean_mae_n": means}
+    runs = []
+    for k in range(len(seeds)):
+        found = {name: kept.value(steps[k, name]) for name in groups}
+        means = {m: float(np.mean([entry["mae_n"][m] for entry in found.values()])) for m in MODELS}
+        runs.append({"groups": found, "mean_mae_n": means})
+    return {"data": str(path), "seeds": seeds, "runs": runs}
+
+
+def _with_seed(scene: Scene, seed: int) -> Scene:
+    return scene.model_copy(update={"training": scene.training.model_copy(update={"seed": seed})})
+
+
+def rows(runs: Sequence[dict], digits: int = 4) -> list[list]:
+    """Errors of the MODELS, N, as texts: a row for each group, [name, frames, …] of means over the runs, and
+    one of the mean over groups, with the spread over the runs where there are several."""
+    of_groups = [
+        [
+            name,
+            entry["frames"],
+            *(f"{np.mean([run['groups'][name]['mae_n'][m] for run in runs]):.{digits}f}" for m in MODELS),
+        ]
+        for name, entry in runs[0]["groups"].items()
+    ]
+    means = (mean_and_spread([run["mean_mae_n"][m] for run in runs], digits) for m in MODELS)
+    return [*of_groups, ["mean", None, *means]]
 
 
 def table(content: dict) -> str:
     """The errors as text: a row for each group that was left out, and one for the mean."""
-    rows = [(name, entry["frames"], entry["mae_n"]) for name, entry in content["groups"].items()]
-    return text_table(
-        ["left out", "frames", *(f"{model}, N" for model in MODELS)],
-        [
-            [name, frames, *(f"{mae_n[model]:.4f}" for model in MODELS)]
-            for name, frames, mae_n in (*rows, ("mean", None, content["mean_mae_n"]))
-        ],
-    )
+    return text_table(["left out", "frames", *(f"{model}, N" for model in MODELS)], rows(content["runs"]))

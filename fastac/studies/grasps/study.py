@@ -1,6 +1,6 @@
 """What forces are worth that were learned from forces alone: each of eight simulated objects left out once.
 
-Beside the scene's training stand a ridge regression on the pixels and a quadratic in their sum, as in
+Beside the scene's training stand ridge regressions on the pixels and a quadratic in their sum, as in
 `fastac evaluate --leave-one-group-out`; and the same with levelled light, and with what helps taken
 away one after another: the symmetry of presses and the slopes' curl in training.
 """
@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from fastac.flow import frames, leave_one_out
-from fastac.report.tables import Table, mean_and_spread
+from fastac.report.tables import Table
 from fastac.scenes.schema import Scene
 from fastac.store.files import write_json
 from fastac.store.steps import Step
@@ -57,40 +57,31 @@ def measure(
     for way, (of_sensor, of_training) in WAYS.items():
         lit = known.model_copy(update={"sensor": known.sensor.model_copy(update=of_sensor)})
         data = frames.read(path, lit, store=store, progress=progress)
-        content[way] = []
-        for seed in seeds:
-            training = lit.training.model_copy(update={**of_training, "seed": seed})
-            own = lit.model_copy(update={"training": training})
-            with pools.this_process() if jobs == 1 else pools.local_pool(jobs) as pool:
-                found = leave_one_out.evaluate(data, own, path, store, start=pool.start, progress=progress)
-            content[way].append({key: found[key] for key in ("groups", "mean_mae_n")})
+        own = lit.model_copy(update={"training": lit.training.model_copy(update=of_training)})
+        with pools.this_process() if jobs == 1 else pools.local_pool(jobs) as pool:
+            found = leave_one_out.evaluate(
+                data, own, path, store, seeds=seeds, start=pool.start, progress=progress
+            )
+        content[way] = found["runs"]
     result = {"source": "simulated", "presses": presses, "seeds": list(seeds), "ways": content}
     output.mkdir(parents=True, exist_ok=True)
     write_json(output / FILE, result)
     return result
 
 
-def means(content: dict, way: str, model: str) -> np.ndarray:
-    """Mean error over the objects, N, of each seed."""
-    return np.array([run["mean_mae_n"][model] for run in content["ways"][way]])
-
-
 def tables(content: dict) -> list[Table]:
     """For each way a row for each object, and their mean: its errors as means over the seeds."""
-    found, many = [], len(content["seeds"]) > 1
+    found, count = [], len(content["seeds"])
     for way, runs in content["ways"].items():
-        groups = [run["groups"] for run in runs]
-        rows = [
-            [name, *(f"{np.mean([g[name]['mae_n'][m] for g in groups]):.3f}" for m in leave_one_out.MODELS)]
-            for name in groups[0]
-        ]
-        of_seeds = {model: means(content, way, model) for model in leave_one_out.MODELS}
-        rows.append(["mean", *(mean_and_spread(errors, 3) for errors in of_seeds.values())])
-        ratio = of_seeds["integer"].mean() / of_seeds["linear"].mean()
-        note = (
-            f"Simulated; {len(content['seeds'])} training{'s' if many else ''} of each. Integers over the"
-            f" linear ridge: {ratio:.2f}."
+        integers, ridge = (
+            np.mean([run["mean_mae_n"][model] for run in runs]) for model in ("integer", "linear")
         )
-        head = ["left out", *(f"{model}, N" for model in leave_one_out.MODELS)]
-        found.append(Table(f"Mean absolute errors of F_z, {way}", head, rows, note))
+        note = (
+            f"Simulated; {count} training{'s' if count > 1 else ''} of each. Integers over the linear ridge:"
+            f" {integers / ridge:.2f}."
+        )
+        head = ["left out", "frames", *(f"{model}, N" for model in leave_one_out.MODELS)]
+        found.append(
+            Table(f"Mean absolute errors of F_z, {way}", head, leave_one_out.rows(runs, digits=3), note)
+        )
     return found

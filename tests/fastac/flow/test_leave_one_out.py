@@ -1,6 +1,7 @@
 """From photographs and a force gauge's readings to integers, and what they are worth on groups left out."""
 
 import json
+import re
 import shutil
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
@@ -23,6 +24,7 @@ from fastac.models.integer import bundle
 from fastac.models.integer.force_interval import INTERVAL
 from fastac.sensor import dataset
 from fastac.sensor.fingertip import generate
+from fastac.sensor.importers.force_labels import split_by_group
 from fastac.store.files import load_arrays
 
 GROUPS = ("ball", "cup", "nut")
@@ -83,6 +85,18 @@ def run(*arguments, code=0):
     result = CliRunner().invoke(main, [str(a) for a in arguments], prog_name="fastac")
     assert result.exit_code == code, result.output
     return result
+
+
+class Alleged:
+    """A store whose steps train nothing: errors grow with the seed and from model to model."""
+
+    def is_current(self, step):
+        return False
+
+    def value(self, step):
+        seed = step.arguments["scene"].training.seed
+        errors = {model: seed * (1.0 + k) for k, model in enumerate(leave_one_out.MODELS)}
+        return {"frames": len(step.arguments["group"]), "mae_n": errors}
 
 
 def test_the_integers_find_unseen_forces_as_the_floats_do(build_folder, data_file):
@@ -159,17 +173,14 @@ class TestLeaveOneGroupOut:
         for entry in seen:
             assert entry["train"] == entry["validation"] == set(GROUPS) - entry["test"]
         content = json.loads((tmp_path / "e.json").read_text())
-        assert sum(entry["frames"] for entry in content["groups"].values()) == 152
+        (once,) = content["runs"]
+        assert sum(entry["frames"] for entry in once["groups"].values()) == 152
         for model in leave_one_out.MODELS:
-            values = [entry["mae_n"][model] for entry in content["groups"].values()]
-            assert content["mean_mae_n"][model] == pytest.approx(np.mean(values))
+            values = [entry["mae_n"][model] for entry in once["groups"].values()]
+            assert once["mean_mae_n"][model] == pytest.approx(np.mean(values))
         lines = result.stdout.splitlines()
-        assert lines[0].split() == [
-            "left",
-            "out",
-            "frames",
-            *f"{', N '.join(leave_one_out.MODELS)}, N".split(),
-        ]
+        head = ["left out", "frames", *(f"{model}, N" for model in leave_one_out.MODELS)]
+        assert re.split(r"\s{2,}", lines[0]) == head
         assert [line.split()[0] for line in lines[1:]] == [*GROUPS, "mean"]
         # What is there is not trained again: not all of it, nor what an interruption has left.
         again = self.evaluate(build_folder, data_file)
@@ -201,9 +212,39 @@ class TestLeaveOneGroupOut:
                 data, wide, data_file, tmp_path / "none", start=partial(ThreadPoolExecutor, 2), progress=False
             )
 
-    def test_jobs_are_of_groups(self, build_folder, data_file):
-        message = run("evaluate", build_folder, "--data", data_file, "--jobs", 2, code=2).stderr
-        assert message.endswith("--jobs is for --leave-one-group-out\n")
+    @pytest.mark.parametrize(("option", "value"), [("--jobs", 2), ("--seeds", "1,2")])
+    def test_options_of_groups(self, build_folder, data_file, option, value):
+        message = run("evaluate", build_folder, "--data", data_file, option, value, code=2).stderr
+        assert message.endswith(f"{option} is for --leave-one-group-out\n")
+
+    def test_means_over_seeds(self, scene, data_file, tmp_path, monkeypatch):
+        """Every seed trains without every group; of the mean over groups the spread over seeds is printed."""
+        monkeypatch.setattr(leave_one_out, "open_store", lambda folder: Alleged())
+        data = dataset.read(data_file)
+        content = leave_one_out.evaluate(data, scene, data_file, tmp_path, seeds=[1, 3], progress=False)
+        assert content["seeds"] == [1, 3]
+        *groups, mean = leave_one_out.rows(content["runs"], digits=2)
+        values = ["2.00", "4.00", "6.00", "8.00", "10.00"]
+        assert groups == [[name, len(name), *values] for name in GROUPS]
+        assert mean == ["mean", None, *(f"{2 * k}.00 ± {2**0.5 * k:.2f}" for k in range(1, 6))]
+        own = leave_one_out.evaluate(data, scene, data_file, tmp_path, progress=False)
+        assert own["seeds"] == [scene.training.seed]
+
+    def test_wrong_forces_lead_the_robust_ridge_less_astray(self, data_file):
+        data = dataset.read(data_file)
+        data = replace(data, split=split_by_group(data.group, (GROUPS[0],)))
+        wrong = data.force_n.copy()
+        wrong[np.flatnonzero(data.split == "train")[::20]] = -1.0
+        truth = data.forces_n(data.indices("test"), (2,))
+        right, misled = (
+            {
+                name: np.abs(found - truth).mean()
+                for name, found in leave_one_out.linear_forces_n(d, (2,)).items()
+            }
+            for d in (data, replace(data, force_n=wrong))
+        )
+        assert misled["linear"] > 2 * right["linear"]
+        assert misled["robust linear"] < 0.5 * misled["linear"]
 
     def test_refuses_what_has_no_groups(self, build_folder, data_file, tmp_path):
         data = dataset.read(data_file)
