@@ -3,11 +3,12 @@
 import json
 from pathlib import Path
 
-import nbformat
 import pytest
 
 pytest.importorskip("nbclient")
+pytest.importorskip("nbformat")
 import execute
+import nbformat
 
 ROOT = Path(__file__).parents[2]
 PICTURES = ROOT / "docs" / "images" / "notebooks"
