@@ -186,7 +186,7 @@ def _with_seed(scene: Scene, seed: int) -> Scene:
 
 def rows(runs: Sequence[dict], digits: int = 4) -> list[list]:
     """Errors of the MODELS, N, as texts: a row for each group, [name, frames, …] of means over the runs, and
-    one of the mean over groups, with the spread over the runs where there are several."""
+    one of the mean over groups, with the spread over the runs where these differ."""
     of_groups = [
         [
             name,
@@ -195,8 +195,9 @@ def rows(runs: Sequence[dict], digits: int = 4) -> list[list]:
         ]
         for name, entry in runs[0]["groups"].items()
     ]
-    means = (mean_and_spread([run["mean_mae_n"][m] for run in runs], digits) for m in MODELS)
-    return [*of_groups, ["mean", None, *means]]
+    means = [[run["mean_mae_n"][m] for run in runs] for m in MODELS]
+    once = [values if np.ptp(values) else values[:1] for values in means]  # some have nothing to draw
+    return [*of_groups, ["mean", None, *(mean_and_spread(values, digits) for values in once)]]
 
 
 def table(content: dict) -> str:
