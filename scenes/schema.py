@@ -339,6 +339,11 @@ def parse(text: str, *, origin: str, default_name: str | None = None) -> Scene:
         raise SceneError(f"{origin}: {describe(error)}") from None
 
 
+def with_seed(scene: Scene, seed: int) -> Scene:
+    """The scene, trained with another seed."""
+    return scene.model_copy(update={"training": scene.training.model_copy(update={"seed": seed})})
+
+
 def load(path: Path | str) -> Scene:
     """The scene in a TOML file, named after the file unless it names itself."""
     path = Path(path)

@@ -42,10 +42,12 @@ def train(scene, data, seed, output, progress):
     \b
     Example: fastac train scenes/force.toml --data recording.h5
     """
+    from fastac.scenes.schema import with_seed
+
     scene = load_scene(scene, data)
     folder = build_folder(scene, output)
     if seed is not None:
-        scene = scene.model_copy(update={"training": scene.training.model_copy(update={"seed": seed})})
+        scene = with_seed(scene, seed)
         folder = output or folder.with_name(f"{folder.name}-seed-{seed}")
     run_build(scene, folder, data, progress, until="bundle")
     made = load_bundle(folder)

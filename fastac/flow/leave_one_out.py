@@ -15,7 +15,7 @@ from fastac.models.training.force import ridge
 from fastac.models.training.force.force_start import background_differences
 from fastac.models.training.force.smooth_weights import SmoothWeights
 from fastac.report.tables import mean_and_spread, text_table
-from fastac.scenes.schema import Scene
+from fastac.scenes.schema import Scene, with_seed
 from fastac.sensor.dataset import Dataset, DatasetError
 from fastac.sensor.importers.force_labels import split_by_group
 from fastac.store.files import load_arrays
@@ -27,6 +27,7 @@ from fastac.store.store import open_store
 MODELS = ("float", "integer", "linear", "robust linear", "quadratic")
 """Columns of the table: the model's two arithmetics, a ridge on the pixels' differences from the background
 with squares of errors and with Huber's loss, and a quadratic in the differences' sum."""
+HEAD = ("left out", "frames", *(f"{model}, N" for model in MODELS))
 
 
 def check(data: Dataset, scene: Scene, path: Path) -> list[str]:
@@ -58,10 +59,10 @@ def linear_forces_n(
     change = {split: background_differences(data, index) for split, index in splits.items()}
     force = {split: data.forces_n(index, axes) for split, index in splits.items()}
     tested = background_differences(data, data.indices("test"))
-    chosen = ridge.best(SmoothWeights(change, force).errors(patience=patience))
-    found = {}
-    for name, robust in (("linear", False), ("robust linear", True)):
-        weights, _ = SmoothWeights(change, force, robust=robust).weights(chosen, with_validation=False)
+    plain = SmoothWeights(change, force)
+    chosen, found = ridge.best(plain.errors(patience=patience)), {}
+    for name, model in (("linear", plain), ("robust linear", SmoothWeights(change, force, robust=True))):
+        weights, _ = model.weights(chosen, with_validation=False)
         found[name] = np.einsum("nijc,aijc->na", tested, weights)
     return found
 
@@ -155,7 +156,7 @@ def evaluate(
     """
     groups, kept = check(data, scene, path), open_store(store)
     seeds = [scene.training.seed] if seeds is None else list(seeds)
-    scenes = [_with_seed(scene, seed) for seed in seeds]
+    scenes = [with_seed(scene, seed) for seed in seeds]
     steps = {
         (k, name): step_of(path, own, name, store, progress=progress)
         for k, own in enumerate(scenes)
@@ -180,10 +181,6 @@ def evaluate(
     return {"data": str(path), "seeds": seeds, "runs": runs}
 
 
-def _with_seed(scene: Scene, seed: int) -> Scene:
-    return scene.model_copy(update={"training": scene.training.model_copy(update={"seed": seed})})
-
-
 def rows(runs: Sequence[dict], digits: int = 4) -> list[list]:
     """Errors of the MODELS, N, as texts: a row for each group, [name, frames, …] of means over the runs, and
     one of the mean over groups, with the spread over the runs where these differ."""
@@ -202,4 +199,4 @@ def rows(runs: Sequence[dict], digits: int = 4) -> list[list]:
 
 def table(content: dict) -> str:
     """The errors as text: a row for each group that was left out, and one for the mean."""
-    return text_table(["left out", "frames", *(f"{model}, N" for model in MODELS)], rows(content["runs"]))
+    return text_table(HEAD, rows(content["runs"]))

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fastac.scenes.schema import Scene
+from fastac.scenes.schema import Scene, with_seed
 from fastac.store.progress import progress_bar
 from fastac.store.store import open_store
 from fastac.sweep.spec import Point
@@ -45,8 +45,7 @@ class Tuning:
     def scene(self, candidate: int, seed: int = 0) -> Scene:
         """A candidate's scene with its `seed`-th seed."""
         found = self.candidates[candidate].scene
-        training = found.training.model_copy(update={"seed": found.training.seed + seed})
-        return found.model_copy(update={"training": training})
+        return with_seed(found, found.training.seed + seed)
 
     def units(self, folds: Sequence[int]) -> list[str]:
         return [name for fold in folds for name in self.folds[fold]]

@@ -80,8 +80,6 @@ def tables(content: dict) -> list[Table]:
             f"Simulated; {count} training{'s' if count > 1 else ''} of each. Integers over the linear ridge:"
             f" {integers / ridge:.2f}."
         )
-        head = ["left out", "frames", *(f"{model}, N" for model in leave_one_out.MODELS)]
-        found.append(
-            Table(f"Mean absolute errors of F_z, {way}", head, leave_one_out.rows(runs, digits=3), note)
-        )
+        title, rows = f"Mean absolute errors of F_z, {way}", leave_one_out.rows(runs, digits=3)
+        found.append(Table(title, leave_one_out.HEAD, rows, note))
     return found

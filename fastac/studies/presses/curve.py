@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fastac.scenes.schema import Scene
+from fastac.scenes.schema import Scene, with_seed
 from fastac.store.files import write_json
 from fastac.store.progress import progress_bar
 from fastac.store.store import open_store
@@ -50,10 +50,10 @@ def measure(
     tasks = {}
     for draw in range(draws):
         order = np.random.default_rng((seed, draw)).permutation(len(names))
-        own = scene.training.model_copy(update={"seed": scene.training.seed + draw})
+        own = with_seed(scene, scene.training.seed + draw)
         for count in counts:
             aside = [names[k] for k in sorted(order[count:])]
-            tasks[count, draw] = scene.model_copy(update={"training": own}), aside
+            tasks[count, draw] = own, aside
     errors = _trained(tasks, source, jobs, progress)
     content = {
         "scene": scene.name,
