@@ -8,8 +8,8 @@ from fastac.scenes.strict import Count, Positive, Strict
 
 LIGHT_NOISE, CURL_WEIGHT = 0.01, 1.0
 """Of a training from forces alone whose scene does not say."""
-PATIENCE_SIZES = 3
-"""Of a training from forces alone, which fits smooth weights five times: the largest sizes take most of the
+PATIENCE_SIZES = 2
+"""Of a training from forces alone, which fits smooth weights seven times: the largest sizes take most of the
 time."""
 
 
@@ -101,8 +101,8 @@ class Training(Strict):
     press_symmetry: bool | None = Field(None, exclude_if=lambda value: value is None)
     """Whether the force's weights may be such that a mirrored press has the mirrored force and, on a square
     image, a press turned by a quarter the same F_z, as on a gel that is alike in all directions, with labels
-    'force'. They are where that lowers the error on recordings left out of the last fit or, where there is
-    one recording or none is named, on the validation frames. Not with dots. Not given: true."""
+    'force'. They are where the network gives slopes of surfaces and that lowers the error on recordings left
+    out of the last fit. Not with dots. Not given: true."""
     flat_fraction: Annotated[float, Field(ge=0, lt=1)] = 0.0
     """Share of background pixels in each epoch, where only contacts are labelled."""
     circle_margin: Annotated[float, Field(ge=0, lt=1)] = Field(0.0, exclude_if=lambda value: not value)

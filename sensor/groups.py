@@ -6,6 +6,8 @@ from fastac.sensor.samples import Dataset
 
 PLACES = (("grid_x_mm", "grid_y_mm"), ("x_mm", "y_mm"), ("center_px",))
 """Keys of `indenter` that say where a press is; the first that a dataset has count."""
+STRETCHES = 5
+"""Into so many stretches of neighbouring frames a recording is divided that is the only one."""
 
 
 def places(data: Dataset) -> np.ndarray:
@@ -29,3 +31,23 @@ def groups(data: Dataset) -> np.ndarray:
     of_place = np.unique(found.round(6), axis=0, return_inverse=True)[1].reshape(-1)
     touching = ~np.isnan(found).any(axis=1)
     return np.unique(np.where(touching, of_place, len(data) + apart), return_inverse=True)[1]
+
+
+def several_recordings(data: Dataset) -> bool:
+    """Whether the frames that are not of the test split are of at least two recordings."""
+    return data.group is not None and len(np.unique(data.group[data.split != "test"])) > 1
+
+
+def left_out_together(data: Dataset) -> np.ndarray:
+    """Which frames a model must not have seen that is judged on one of them, (frames,) integers from 0, the
+    same for such frames; -1 in the test split.
+
+    Those of its recording or, where there is one alone or none is named, those of its stretch of neighbouring
+    frames, one of STRETCHES. They are of the same object, and say less than another recording would.
+    """
+    found, known = np.full(len(data), -1), np.flatnonzero(data.split != "test")
+    if several_recordings(data):
+        found[known] = np.unique(data.group[known], return_inverse=True)[1]
+    else:
+        found[known] = np.arange(len(known)) * STRETCHES // max(len(known), 1)
+    return found

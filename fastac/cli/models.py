@@ -104,9 +104,9 @@ def evaluate(bundle, data, split, leave_one_group_out, jobs, seeds, json_file, p
     """Print the errors of BUNDLE's float and integer models against the ground truth of a dataset.
 
     With --leave-one-group-out, models like BUNDLE's are trained from the forces of all groups but one and
-    tested on that one. Baselines are listed beside them: ridge regression on the pixels, the same with
-    errors that are large beside most counted by their magnitude, and a quadratic in the summed difference
-    from the background. Each group is trained on one core. Finished trainings are kept in the step store.
+    tested on that one. Baselines are listed beside them: ridge regression on the pixels, the models' own last
+    fit on the pixels, and a quadratic in the summed difference from the background. Each group is trained on
+    one core. Finished trainings are kept in the step store.
 
     \b
     Example: fastac evaluate build/paper --data build/paper/data.h5

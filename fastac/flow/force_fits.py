@@ -39,8 +39,9 @@ class ForceSamples:
     """Of the skin at rest, (H, W)."""
     shifts_px: BySplit | None = None
     """The marker dots' shifts (frames, M, 2), if any are followed."""
-    group: BySplit | None = None
-    """The recording of each frame, if known."""
+    recording: BySplit | None = None
+    """Integers, the same for frames of one recording, or of a part of the only one
+    (`sensor.groups.left_out_together`)."""
     together: BySplit | None = None
     """Integers, the same for frames of one recording or press (`sensor.groups.groups`), if known."""
 
@@ -149,6 +150,7 @@ class WeightFit:
             samples.force_n,
             samples.shifts_px,
             with_validation=fits_validation(scene),
+            recording=samples.recording if fits_robustly(scene) else None,
             together=samples.together,
             robust=fits_robustly(scene),
             patience=scene.training.patience_sizes,
@@ -188,9 +190,7 @@ class SlopeFit(WeightFit):
             samples.found,
             samples.force_n,
             tuple(FORCE_AXES[k] for k in scene.force_axes),
-            samples.group,
-            with_validation=fits_validation(scene),
-            together=samples.together,
+            samples.recording,
             robust=fits_robustly(scene),
             patience=scene.training.patience_sizes,
             progress=progress,

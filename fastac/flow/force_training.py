@@ -14,7 +14,7 @@ from fastac.models.integer.force import block_means
 from fastac.models.training.force.light import under_other_light
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
-from fastac.sensor.groups import groups
+from fastac.sensor.groups import groups, left_out_together
 from fastac.store.files import load_arrays, save_arrays
 
 
@@ -60,7 +60,7 @@ def force_samples(pipeline: FloatPipeline | Emulator, data: Dataset, *, progress
     settings = pipeline.scene.training
     data = under_other_light(data, settings.force_light_noise, settings.seed)
     splits = {s: data.indices(s) for s in ("train", "validation") if len(data.indices(s))}
-    way, together = FITS[pipeline.scene.force.fit], groups(data)
+    way, together, recording = FITS[pipeline.scene.force.fit], groups(data), left_out_together(data)
 
     def shifts_px(index: np.ndarray) -> np.ndarray:
         return pipeline.run(data.frames[index], wanted=["dot_shifts_px"], progress=progress).dot_shifts_px
@@ -72,7 +72,7 @@ def force_samples(pipeline: FloatPipeline | Emulator, data: Dataset, *, progress
         },
         force_n={s: data.forces_n(index, pipeline.scene.force_axes) for s, index in splits.items()},
         shifts_px={s: shifts_px(index) for s, index in splits.items()} if pipeline.scene.wants_dots else None,
-        group=None if data.group is None else {s: data.group[index] for s, index in splits.items()},
+        recording={s: recording[index] for s, index in splits.items()},
         together={s: together[index] for s, index in splits.items()},
         rest_depth_mm=rest_depth_mm(data),
     )

@@ -11,12 +11,13 @@ from threadpoolctl import threadpool_limits
 from fastac.flow import force_training, frames, training
 from fastac.models import accuracy
 from fastac.models.integer.bundle import Bundle
-from fastac.models.training.force import ridge
+from fastac.models.training.force import ridge, smooth_weights
 from fastac.models.training.force.force_start import background_differences
 from fastac.models.training.force.smooth_weights import SmoothWeights
 from fastac.report.tables import mean_and_spread, text_table
 from fastac.scenes.schema import Scene, with_seed
 from fastac.sensor.dataset import Dataset, DatasetError
+from fastac.sensor.groups import left_out_together
 from fastac.sensor.importers.force_labels import split_by_group
 from fastac.store.files import load_arrays
 from fastac.store.progress import progress_bar
@@ -25,8 +26,8 @@ from fastac.store.steps import Step
 from fastac.store.store import open_store
 
 MODELS = ("float", "integer", "linear", "robust linear", "quadratic")
-"""Columns of the table: the model's two arithmetics, a ridge on the pixels' differences from the background
-with squares of errors and with Huber's loss, and a quadratic in the differences' sum."""
+"""Columns of the table: the model's two arithmetics, a ridge on the pixels' differences from the background,
+the models' own last fit on these, and a quadratic in the differences' sum."""
 HEAD = ("left out", "frames", *(f"{model}, N" for model in MODELS))
 
 
@@ -49,7 +50,8 @@ def linear_forces_n(
     data: Dataset, axes: tuple[int, ...], patience: int | None = None
 ) -> dict[str, np.ndarray]:
     """Forces (test frames, axes) of two ridges on the pixels' differences, whose weights are smooth over the
-    image: "linear" by squares of errors, "robust linear" by Huber's loss, with the same regularisation.
+    image: "linear" by squares of errors, with the size that is best on recordings left out; "robust linear"
+    as the models' last fit, by Huber's loss and the average over sizes.
 
     The differences are those of single pixels, whatever the scene's network sees.
 
@@ -59,10 +61,15 @@ def linear_forces_n(
     change = {split: background_differences(data, index) for split, index in splits.items()}
     force = {split: data.forces_n(index, axes) for split, index in splits.items()}
     tested = background_differences(data, data.indices("test"))
-    plain = SmoothWeights(change, force)
-    chosen, found = ridge.best(plain.errors(patience=patience)), {}
-    for name, model in (("linear", plain), ("robust linear", SmoothWeights(change, force, robust=True))):
-        weights, _ = model.weights(chosen, with_validation=False)
+    together, found = left_out_together(data), {}
+    recording = {split: together[index] for split, index in splits.items()}
+    for name, robust in (("linear", False), ("robust linear", True)):
+        model = SmoothWeights(change, force, robust=robust)
+        errors = model.errors(recording=recording, patience=patience)
+        if robust:
+            weights, *_ = smooth_weights.average([(model, errors)])
+        else:
+            weights, _ = model.weights(ridge.best(errors), with_validation=False)
         found[name] = np.einsum("nijc,aijc->na", tested, weights)
     return found
 

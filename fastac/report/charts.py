@@ -99,12 +99,42 @@ def _epochs(axis, curves: dict[str, np.ndarray], name: str) -> None:
     axis.set_ylabel(OF_STEP.get(name) or UNITS.get(measure, measure.replace("_", " ")))
 
 
+def _averaged(axis, curves: dict[str, np.ndarray]) -> None:
+    """The error of each regularisation on recordings left out, a line for each basis; rings mark those whose
+    weights are averaged (models/training/force/smooth_weights.py), and the legend says each one's share.
+
+    Weights are called symmetric where press_symmetry.py beside it made them so.
+    """
+    strengths, errors, shares = (curves[key] for key in ("regularisation", "validation_mae_n", "share"))
+    sizes = curves["cosines"]
+    for k, size in enumerate(np.unique(sizes)):
+        part = sizes == size
+        ring = int(shares[part].argmax())
+        axis.plot(
+            strengths[part],
+            errors[part],
+            color=LINES[k % len(LINES)],
+            marker="o",
+            fillstyle="none",
+            markevery=[ring],
+            label=f"{size:.0f} cosines: {shares[part][ring]:.0%}",
+        )
+    kind = "symmetric weights'" if curves.get("symmetric", np.zeros(1))[0] else "weights'"
+    axis.set_xlabel(f"strength of the regularisation, and shares of the {kind} average")
+    axis.set_ylabel("force error, recordings left out, N")
+    readable_scale(axis.xaxis, strengths.min(), strengths.max())
+    readable_scale(axis.yaxis, errors.min(), errors.max())
+
+
 def _choice(axis, curves: dict[str, np.ndarray]) -> None:
     """The validation error of each regularisation that ridge regression tried, a line for each basis.
 
-    A ring marks the choice. Weights are called symmetric where models/training/force/press_symmetry.py made
-    them so, and polynomials where polynomial_weights.py beside it did.
+    A ring marks the choice. Weights are called polynomials where
+    models/training/force/polynomial_weights.py made them so.
     """
+    if "share" in curves:
+        _averaged(axis, curves)
+        return
     strengths, errors = curves["regularisation"], curves["validation_mae_n"]
     sizes = curves.get("cosines", np.zeros(len(strengths)))
     for k, size in enumerate(np.unique(sizes)):
@@ -117,9 +147,7 @@ def _choice(axis, curves: dict[str, np.ndarray]) -> None:
         chosen, why = rows.index(ridge.strongest(rows)), "chosen, as good within chance"
     axis.plot(strengths[chosen], errors[chosen], "o", fillstyle="none", color="#888888", markersize=9)
     axis.lines[-1].set_label(f"{why}: {errors[chosen]:.3g} N at {strengths[chosen]:.1g}")
-    kind = ", symmetric weights" if curves.get("symmetric", np.zeros(1))[0] else ""
-    if "degree" in curves:
-        kind = f", polynomials of degree {curves['degree'][0]:.0f}"
+    kind = f", polynomials of degree {curves['degree'][0]:.0f}" if "degree" in curves else ""
     axis.set_xlabel(f"strength of the regularisation{kind}")
     axis.set_ylabel(UNITS["mae_n"])
     readable_scale(axis.xaxis, strengths.min(), strengths.max())

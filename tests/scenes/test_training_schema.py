@@ -51,7 +51,7 @@ def test_light_is_the_same_in_all_frames_where_normals_train():
 def test_the_search_for_a_size_of_weights_is_cut_short_where_forces_alone_train():
     texts = BY_FORCE, BY_FORCE.replace('training = { labels = "force" }', "")
     of_force, of_geometry = (parse(text, origin="x").training for text in texts)
-    assert of_force.patience_sizes == 3
+    assert of_force.patience_sizes == 2
     assert of_geometry.patience_sizes is None
     assert of_geometry.model_copy(update={"patience_epochs": 5}).patience_sizes == 5
 

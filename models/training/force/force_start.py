@@ -33,23 +33,23 @@ def background_differences(data: Dataset, index: np.ndarray, smoothing_px: int =
 def linear_fields(
     pixels: dict[str, np.ndarray],
     force_n: dict[str, np.ndarray],
-    group: dict[str, np.ndarray] | None = None,
+    recording: dict[str, np.ndarray] | None = None,
     *,
     patience: int | None = None,
     progress: bool = False,
 ) -> tuple[np.ndarray, dict]:
     """Fit the linear model F = Σ fields · pixels; returns its fields (axes, H, W, C) and the entry of the
-    chosen size in the history of `smooth_weights`, its cosines and validation error, and with `group` its
+    chosen size in the history of `smooth_weights`, its cosines and validation error, and with `recording` its
     "left_out_mae_n", the error on recordings left out.
 
-    pixels : (frames, H, W, C), differences from the background; force_n : (frames, axes); group : (frames,),
-        at least two recordings; all by split name
+    pixels : (frames, H, W, C), differences from the background; force_n : (frames, axes); recording :
+        (frames,), of at least two recordings; all by split name
     patience : as in `smooth_weights.fit`
     """
     model = smooth_weights.SmoothWeights(pixels, force_n, robust=True)
     chosen = ridge.best(model.errors(patience=patience, progress=progress))
-    if group is not None:
-        chosen = chosen | {"left_out_mae_n": model.left_out_error(chosen, group)}
+    if recording is not None:
+        chosen = chosen | {"left_out_mae_n": model.left_out_error(chosen, recording)}
     return model.weights(chosen, with_validation=False)[0], chosen
 
 
@@ -122,7 +122,7 @@ def linear_start(
     change: dict[str, np.ndarray],
     force_n: dict[str, np.ndarray],
     scene: Scene,
-    group: dict[str, np.ndarray] | None = None,
+    recording: dict[str, np.ndarray] | None = None,
     *,
     progress: bool = False,
 ) -> LinearStart:
@@ -130,16 +130,16 @@ def linear_start(
     other's error on recordings left out is smaller or, where they are not known, its validation error far
     smaller (WORSE).
 
-    change : (frames, H, W, C), differences from the background; force_n : (frames, axes); group : (frames,)
-        names of recordings, if known; all by split name
+    change : (frames, H, W, C), differences from the background; force_n : (frames, axes); recording :
+        (frames,), if there are at least two; all by split name
     """
-    if not (scene.training.force_curl_weight and smooth_weights.can_leave_out(group)):
-        group = None  # nothing is compared, or nothing can be left out
+    if not scene.training.force_curl_weight:
+        recording = None  # nothing is compared
     keys = {"patience": scene.training.patience_sizes, "progress": progress}
 
     def with_mixtures(mixtures: np.ndarray, *, of_surfaces: bool) -> LinearStart:
         mixed = {split: (pixels @ mixtures.T).astype(np.float32) for split, pixels in change.items()}
-        fields, entry = linear_fields(mixed, force_n, group, **keys)
+        fields, entry = linear_fields(mixed, force_n, recording, **keys)
         errors = entry["validation_mae_n"], entry.get("left_out_mae_n")
         return LinearStart(mixtures, fields, entry["cosines"], *errors, of_surfaces)
 
@@ -148,7 +148,7 @@ def linear_start(
     if not scene.training.force_curl_weight:
         return best
     found = with_mixtures(surface_mixtures(change["train"]), of_surfaces=True)
-    if group is None:
+    if recording is None:
         return found if found.validation_mae_n <= WORSE * best.validation_mae_n else best
     # On new objects slopes of a surface should be better. They are not where the image is seen at a slant, or
     # where one colour does not mean the same slope everywhere.

@@ -37,6 +37,7 @@ from fastac.models.training.one_cycle import one_cycle
 from fastac.scenes.schema import Scene
 from fastac.scenes.training_schema import Training
 from fastac.sensor.dataset import Dataset
+from fastac.sensor.groups import left_out_together, several_recordings
 
 WARM_UP_EPOCHS = 0.5
 """Over which rates rise that then stay."""
@@ -92,8 +93,11 @@ def train(data: Dataset, scene: Scene, *, progress: bool = False) -> tuple[Pixel
     smoothing_px = scene.network.smoothing_px
     change = {split: background_differences(data, index, smoothing_px) for split, index in splits.items()}
     force = {split: data.forces_n(index, scene.force_axes) for split, index in splits.items()}
-    group = None if data.group is None else {split: data.group[index] for split, index in splits.items()}
-    start = linear_start(change, force, scene, group, progress=progress)
+    together = left_out_together(data)
+    recording = {split: together[index] for split, index in splits.items()}
+    start = linear_start(
+        change, force, scene, recording if several_recordings(data) else None, progress=progress
+    )
     model = initial_model(start, data, scene)
     initial = copy.deepcopy(model.network)
     block = block_size(*data.frames.shape[1:3])

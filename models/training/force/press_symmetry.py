@@ -14,17 +14,38 @@ few directions, determine this eighth far better than they determine all weights
 it is as if weights were fitted to all mirrored and, for F_z, turned copies of the presses. (Cohen, Welling,
 "Group Equivariant Convolutional Networks", 2016, build such symmetries into networks.)
 
-All this is true of the skin's slopes. What a network gives may not be slopes, and light and gel may differ
-from side to side. So the last fit is repeated without each recording, with the symmetry and without it.
+All this is true of the skin's slopes. A network that learned from forces alone may give something else, which
+then has a curl that slopes of a surface have not (integrability.py). And light and gel may differ from side
+to side. So the last fit is repeated without each recording, with the symmetry and without it.
 """
 
 import numpy as np
+import torch
 
 from fastac.models.training.force import ridge
-from fastac.models.training.force.smooth_weights import SmoothWeights, can_leave_out
+from fastac.models.training.force.force_from_pixels import block_averages
+from fastac.models.training.force.integrability import curl_share
+from fastac.models.training.force.smooth_weights import SmoothWeights, average
 
 ODD = {"x": ((0, 0), (1, 1)), "y": ((1, 1), (0, 0)), "z": ((0, 1), (1, 0))}
 """For each axis of the force whether k_y and k_x are odd, of p's cosines and of q's."""
+
+
+LARGEST_CURL = 0.25
+"""`curl_share` up to which a network's outputs are taken for slopes: half of that of noise. Of networks that
+learned from forces alone it was 0.03 to 0.11 where training began with slopes of surfaces, and 0.24 to 0.61
+where it did not."""
+JUDGED_PX, JUDGED_FRAMES = 3, 500
+"""Sides of the squares over which outputs are averaged before, so that the noise of pixels says less; and so
+many frames at most."""
+
+
+def are_slopes(slopes: np.ndarray) -> bool:
+    """Whether a network's outputs (frames, H, W, 2) have as little curl as slopes of surfaces."""
+    _, height, width, _ = slopes.shape
+    whole = slopes[:, : height // JUDGED_PX * JUDGED_PX, : width // JUDGED_PX * JUDGED_PX]
+    means = block_averages(whole[:: -(-len(slopes) // JUDGED_FRAMES)].astype(np.float32), JUDGED_PX)
+    return curl_share(torch.from_numpy(means)).item() <= LARGEST_CURL
 
 
 def places(axis: str, size: int, *, square: bool) -> np.ndarray:
@@ -45,24 +66,21 @@ def fit(
     slopes: dict[str, np.ndarray],
     force_n: dict[str, np.ndarray],
     axes: tuple[str, ...],
-    group: dict[str, np.ndarray] | None,
+    recording: dict[str, np.ndarray],
     *,
-    with_validation: bool = False,
-    together: dict[str, np.ndarray] | None = None,
     robust: bool = False,
     patience: int | None = None,
     progress: bool = False,
 ) -> tuple[np.ndarray, list[dict]]:
-    """Weights (axes, H, W, 2) in N, symmetric where that lowers the error on recordings left out of this fit;
-    and their validation errors, as in `smooth_weights.fit`, with "symmetric" in each for whether they are.
+    """Weights (axes, H, W, 2) in N, symmetric where `are_slopes` and that lowers the error on recordings left
+    out of this fit; and their errors, as in `smooth_weights.fit`, with "symmetric" in each for whether they
+    are.
 
-    The network that gave the slopes knew all recordings, and so did the choice of each kind's size and
-    strength: the errors compare the two kinds, and say nothing of new objects.
+    The network that gave the slopes knew all recordings: the errors compare fits, and say little of new
+    objects.
 
     slopes : (frames, H, W, 2), less those of the background, by split name
     axes : the names of the forces' columns
-    group : the recording of each frame by split name, if known. With one alone the error on
-        validation frames decides, and without such frames no weights are symmetric.
     The others are as in `smooth_weights.fit`.
     """
     plain = SmoothWeights(slopes, force_n, robust=robust)
@@ -72,20 +90,12 @@ def fit(
         return places(axes[column], size, square=height == width)
 
     candidates = {False: plain}
-    by_group = can_leave_out(group)
-    if by_group or "validation" in slopes:
+    if are_slopes(slopes["train"]):
         candidates[True] = plain.restricted(restrict)
-    histories = {
-        kind: model.errors(
-            together=together, with_validation=with_validation, patience=patience, progress=progress
-        )
-        for kind, model in candidates.items()
+    fits = {
+        symmetric: (model, model.errors(recording=recording, patience=patience, progress=progress))
+        for symmetric, model in candidates.items()
     }
-    chosen = {kind: ridge.best(history) for kind, history in histories.items()}
-    if by_group:
-        error_n = {kind: model.left_out_error(chosen[kind], group) for kind, model in candidates.items()}
-    else:
-        error_n = {kind: entry["validation_mae_n"] for kind, entry in chosen.items()}
-    best = min(error_n, key=error_n.get)
-    weights, _ = candidates[best].weights(chosen[best], with_validation=with_validation)
-    return weights, [{**entry, "symmetric": best} for entry in histories[best]]
+    best = min(fits, key=lambda symmetric: ridge.best(fits[symmetric][1])["validation_mae_n"])
+    weights, _, (history,) = average([fits[best]])
+    return weights, [{**entry, "symmetric": best} for entry in history]

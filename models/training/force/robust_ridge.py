@@ -33,19 +33,20 @@ def fit(x: np.ndarray, force_n: np.ndarray, attempt: dict) -> np.ndarray:
     x = x.astype(np.float64)
     scale = ridge.root_mean_squares(x)
     x /= scale
-    found = [_axis(x, values, attempt["regularisation"]) for values in force_n.T]
+    found = [reweighted(x, values, attempt["regularisation"])[0] for values in force_n.T]
     return np.stack(found, axis=1) / scale[:, None]
 
 
-def _axis(x: np.ndarray, force_n: np.ndarray, regularisation: float) -> np.ndarray:
-    """Weights (features,) for the forces (frames,) of one axis."""
+def reweighted(x: np.ndarray, force_n: np.ndarray, regularisation: float) -> tuple[np.ndarray, np.ndarray]:
+    """Weights (features,) of scaled features (frames, features) for the forces (frames,) of one axis, and by
+    how much each frame's square counts, (frames,), from 0 to 1."""
     share, smallest_n = np.ones(len(x)), max(SMALLEST * np.abs(force_n).max(), np.finfo(float).tiny)
     for _ in range(ITERATIONS):
         found = _weighted(x, force_n, share, regularisation)
         error_n = np.abs(x @ found - force_n)
         limit_n = max(TUNING * NORMAL * np.median(error_n), smallest_n)
         share = limit_n / np.maximum(error_n, limit_n)
-    return found
+    return found, share
 
 
 def _weighted(x: np.ndarray, force_n: np.ndarray, share: np.ndarray, regularisation: float) -> np.ndarray:
@@ -53,7 +54,13 @@ def _weighted(x: np.ndarray, force_n: np.ndarray, share: np.ndarray, regularisat
     to the weighted frames' power, as in `ridge.solve`."""
     weighted = x * share[:, None]
     gram = x.T @ weighted
-    power = np.trace(gram)
-    penalty = power * max(regularisation / len(x), LEAST_PENALTY)
-    gram[np.diag_indices_from(gram)] += penalty or 1.0  # without any power there is no force to explain
-    return solve(gram, weighted.T @ force_n, assume_a="pos")
+    return penalised(gram, weighted.T @ force_n, regularisation * np.trace(gram) / len(x))
+
+
+def penalised(gram: np.ndarray, moment: np.ndarray, penalty: float) -> np.ndarray:
+    """Weights (features,) of a ridge regression, from the frames' Gram matrix (features, features) and their
+    features' products with the force, (features,)."""
+    penalty = max(penalty, LEAST_PENALTY * np.trace(gram))
+    damped = gram.copy()
+    damped[np.diag_indices_from(damped)] += penalty or 1.0  # without any power there is no force to explain
+    return solve(damped, moment, assume_a="pos")

@@ -3,28 +3,31 @@
 F = Σ_pixels Σ_t w_t · x_t for images x_t, such as the slopes less those of the background frame (a·Δp + b·Δq)
 or the displacement. The fields w_t, sums of the lowest m × m cosines (DCT-II), are fitted by ridge regression
 (models/training/force/ridge.py), together with two weights for each marker dot where there are any; m and the
-regularisation are those of the smallest error on held-out frames (`ridge.held_out_errors`).
+regularisation are those of the smallest error on held-out frames (`ridge.held_out_errors`). Where recordings
+are left out instead (`left_out.errors_n`), the fields of all m are averaged, so that little hangs on few
+recordings' choice of one.
 Fitted to what a pipeline finds, the weights take its noise and errors into account, which those that
 models/floating/adjoint.py derives do not.
 """
 
 import copy
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
+from itertools import groupby
 from typing import NamedTuple, Self
 
 import numpy as np
 from scipy.fft import dctn, idct, idctn
 
-from fastac.models.training.force import ridge, robust_ridge
+from fastac.models.training.force import left_out, ridge, robust_ridge
 from fastac.store.progress import progress_bar
 
 SIZES = (2, 4, 6, 8, 10, 12, 16, 24, 32)
 """Numbers m of cosines along each axis that are tried."""
-FOLDS = 8
-"""Into at most so many parts groups of frames are divided, of which each is left out once."""
-LEAST_GROUPS = 2
-"""Fewest groups of which one can be left out."""
+
+SHARPNESS = 4
+"""The share of fields in an average falls with this power of their error on recordings left out: of an error
+twice as large a sixteenth, so that what is much worse does not count."""
 
 Restriction = Callable[[int, int], np.ndarray]
 """Which cosines an axis' fields are made of. Called with the axis' column in the forces and the size m, it
@@ -41,11 +44,6 @@ def lowest_cosines(images: Iterable[np.ndarray], size: int) -> np.ndarray:
     """DCT-II coefficients of the lowest size × size cosines, images (H, W, terms) to (frames, size, size,
     terms)."""
     return np.stack([dctn(frame, axes=(0, 1), norm="ortho")[:size, :size] for frame in images])
-
-
-def can_leave_out(group: dict[str, np.ndarray] | None) -> bool:
-    """Whether there are groups enough to leave each out once: (frames,) names by split name, if known."""
-    return group is not None and len(np.unique(np.concatenate([*group.values()]))) >= LEAST_GROUPS
 
 
 class _Problem(NamedTuple):
@@ -79,7 +77,7 @@ class SmoothWeights:
         robust: bool = False,
     ):
         self.shape, self.shifts_px = images["train"].shape[1:], shifts_px
-        self.fit = robust_ridge.fit if robust else ridge.fit
+        self.robust = robust
         self.restrict: Restriction | None = None
         self.sizes = [size for size in SIZES if size <= min(self.shape[:2])]
         self.cosines = {split: lowest_cosines(values, self.sizes[-1]) for split, values in images.items()}
@@ -116,20 +114,26 @@ class SmoothWeights:
     def errors(
         self,
         *,
+        recording: dict[str, np.ndarray] | None = None,
         together: dict[str, np.ndarray] | None = None,
         with_validation: bool = False,
         patience: int | None = None,
         progress: bool = False,
     ) -> list[dict]:
-        """Validation errors of all sizes and strengths, [{"cosines": …, "regularisation": …,
+        """Errors on held-out frames of all sizes and strengths, [{"cosines": …, "regularisation": …,
         "validation_mae_n": …}].
 
-        together, with_validation : as in `ridge.held_out_errors`
+        recording : (frames,) by split name; with it each recording of all splits is left out once
+            (`left_out.errors_n`)
+        together, with_validation : as in `ridge.held_out_errors`, for fits without `recording`
         patience : how many m in a row, from the smallest on, may not lower the error before no larger one is
             tried; None: all are tried. The largest take nearly all of the time.
         """
         ridge.check(self.force_n)
-        find = partial(ridge.held_out_errors, together=together, with_validation=with_validation)
+        if recording is None:
+            find = partial(ridge.held_out_errors, together=together, with_validation=with_validation)
+        else:
+            find = partial(self._left_out, np.concatenate([recording[split] for split in self.cosines]))
         history, waited, smallest = [], 0, np.inf
         for size in progress_bar(self.sizes, desc="force, weights", unit="basis", enabled=progress):
             of_axes = [find(x, force_n) for _, _, x, force_n in self._problems(size)]
@@ -149,6 +153,30 @@ class SmoothWeights:
                 break
         return history
 
+    def _left_out(self, recording: np.ndarray, x: dict[str, np.ndarray], force_n: dict[str, np.ndarray]):
+        """`left_out.errors_n` of all splits, in the form of `ridge.held_out_errors`."""
+        x, force_n = (ridge.known(values, with_validation=True) for values in (x, force_n))
+        errors_n = left_out.errors_n(x, force_n, recording, robust=self.robust)
+        return [
+            {"regularisation": strength, "validation_mae_n": error}
+            for strength, error in zip(ridge.REGULARISATION.tolist(), errors_n.tolist(), strict=True)
+        ]
+
+    def left_out_error(self, chosen: dict, recording: dict[str, np.ndarray]) -> float:
+        """Mean absolute error in N on recordings left out, with the size and strength of an entry of
+        `errors`.
+
+        recording : (frames,) by split name, of at least two recordings
+        """
+        strength = np.array([chosen["regularisation"]])
+        every = np.concatenate([recording[split] for split in self.cosines])
+        problems = [
+            [ridge.known(values, with_validation=True) for values in (x, force_n)]
+            for _, _, x, force_n in self._problems(chosen["cosines"])
+        ]
+        errors = [left_out.errors_n(*each, every, strength, robust=self.robust)[0] for each in problems]
+        return float(np.sum(errors))
+
     def weights(self, chosen: dict, *, with_validation: bool) -> tuple[np.ndarray, np.ndarray | None]:
         """The fields (axes, H, W, terms) and the dots' weights (axes, M, 2) of an entry of `errors`.
 
@@ -158,7 +186,7 @@ class SmoothWeights:
         size, fields, of_dots = chosen["cosines"], [], []
         for _, places, x, force_n in self._problems(size):
             x, force_n = (ridge.known(values, with_validation=with_validation) for values in (x, force_n))
-            found = self.fit(x, force_n, chosen)
+            found = (robust_ridge if self.robust else ridge).fit(x, force_n, chosen)
             if places is None:
                 places = np.arange(size * size * terms)[None]
             of_images, dots = ridge.parted(found, places.shape[1])
@@ -171,24 +199,34 @@ class SmoothWeights:
         dots = None if of_dots[0] is None else np.concatenate(of_dots)
         return idctn(padded, axes=(1, 2), norm="ortho"), dots
 
-    def left_out_error(self, chosen: dict, group: dict[str, np.ndarray]) -> float:
-        """Mean absolute error in N on groups that were left out, with the size and strength of an entry of
-        `errors`. Groups are divided into FOLDS parts, each left out once, and count alike in the mean.
 
-        group : (frames,) names by split name, of which `can_leave_out`
-        """
-        every = np.concatenate([group[split] for split in self.cosines])
-        names, code = np.unique(every, return_inverse=True)
-        found = np.zeros(len(names))
-        for _, _, x, force_n in self._problems(chosen["cosines"]):
-            x, force_n = (ridge.known(values, with_validation=True) for values in (x, force_n))
-            for part in range(min(len(names), FOLDS)):
-                seen = code % FOLDS != part
-                weights = self.fit(x[seen], force_n[seen], chosen)
-                for k in range(part, len(names), FOLDS):
-                    out = code == k
-                    found[k] += np.abs(x[out] @ weights - force_n[out]).sum(axis=1).mean()
-        return float(found.mean())
+def average(
+    fits: Sequence[tuple[SmoothWeights, list[dict]]],
+) -> tuple[np.ndarray, np.ndarray | None, list[list[dict]]]:
+    """The average of fields, and of weights of dots, over all sizes of regressions on the same frames, each
+    size with its best regularisation; and each regression's `errors`, with every entry's "share" in the
+    average.
+
+    fits : regressions and their `errors` on recordings left out. Weights are fitted to the train split.
+    """
+    histories = [[entry | {"share": 0.0} for entry in history] for _, history in fits]
+    chosen = [
+        (model, min(same, key=lambda entry: entry["validation_mae_n"]))
+        for (model, _), history in zip(fits, histories, strict=True)
+        for _, same in groupby(history, key=lambda entry: entry["cosines"])
+    ]
+    errors = np.array([entry["validation_mae_n"] for _, entry in chosen])
+    least = max(errors.min(), np.finfo(float).tiny)
+    shares = (np.maximum(errors, least) / least) ** -SHARPNESS
+    shares /= shares.sum()
+    fields, dots = 0.0, None
+    for (model, entry), share in zip(chosen, shares.tolist(), strict=True):
+        entry["share"] = share
+        found, of_dots = model.weights(entry, with_validation=False)
+        fields = fields + share * found
+        if of_dots is not None:
+            dots = share * of_dots + (0.0 if dots is None else dots)
+    return fields, dots, histories
 
 
 def fit(
@@ -197,6 +235,7 @@ def fit(
     shifts_px: dict[str, np.ndarray] | None = None,
     *,
     with_validation: bool = False,
+    recording: dict[str, np.ndarray] | None = None,
     together: dict[str, np.ndarray] | None = None,
     robust: bool = False,
     patience: int | None = None,
@@ -205,7 +244,9 @@ def fit(
     """Fit the weights of the images, (axes, H, W, terms) in N, and of the dots' shifts, (axes, M, 2) in N per
     px; returns them, None without shifts, and the errors of all m tried.
 
-    images, force_n, shifts_px, robust : as in `SmoothWeights`; patience : as in its `errors`
+    Those of the best m or, with `recording`, the `average` of those of all.
+
+    images, force_n, shifts_px, robust : as in `SmoothWeights`; recording, patience : as in its `errors`
     with_validation : whether the weights are fitted to the frames of both splits instead of those of the
         train split
     together : which frames belong together; with it m and the regularisation are chosen as by
@@ -213,6 +254,13 @@ def fit(
     """
     model = SmoothWeights(images, force_n, shifts_px, robust=robust)
     history = model.errors(
-        together=together, with_validation=with_validation, patience=patience, progress=progress
+        recording=recording,
+        together=together,
+        with_validation=with_validation,
+        patience=patience,
+        progress=progress,
     )
+    if recording is not None:
+        fields, dots, (history,) = average([(model, history)])
+        return fields, dots, history
     return *model.weights(ridge.best(history), with_validation=with_validation), history

@@ -28,9 +28,12 @@ def test_presses_that_others_need_unseen_are_not_fitted(make_scene):
 
 def test_weights_of_slopes_are_symmetric_where_recordings_left_out_gain_by_it(make_scene):
     slopes, force_n, group = recordings()
-    samples = ForceSamples(slopes, force_n, np.zeros(slopes["train"].shape[1:3]), group=group)
+    samples = ForceSamples(slopes, force_n, np.zeros(slopes["train"].shape[1:3]), recording=group)
     keys = {"outputs": ["force_z"], "poisson": {"solver": "adjoint"}}
     keys["force"] = {"clamp": False, "fit": "slopes"}
+
+    def asymmetry(weights):
+        return np.abs(weights[0, :, ::-1] - weights[0] * [-1, 1]).max() / np.abs(weights).max()
 
     def fitted(training, known=samples):
         scene = make_scene(**keys, training=training)
@@ -44,15 +47,16 @@ def test_weights_of_slopes_are_symmetric_where_recordings_left_out_gain_by_it(ma
     weights, of_dots, history = fitted({"labels": "force"})
     assert of_dots is None
     assert history[0]["symmetric"]
-    np.testing.assert_allclose(weights[0, :, ::-1], weights[0] * [-1, 1], atol=1e-9)
+    assert asymmetry(weights) < 1e-9
     for training in ({"labels": "force", "press_symmetry": False}, {"labels": "geometry"}):
         plain, _, history = fitted(training)
         assert "symmetric" not in history[0]
-        assert np.abs(plain[0, :, ::-1] - plain[0] * [-1, 1]).max() > 1e-3 * np.abs(plain).max()
+        assert asymmetry(plain) > 0.5
 
 
 def test_wrong_forces_of_a_gauge_do_not_lead_weights_of_slopes_astray(make_scene):
-    slopes, force_n, group = recordings()
+    slopes, force_n, _ = recordings()
+    group = {split: np.arange(len(values)) % 5 for split, values in force_n.items()}
     keys = {"outputs": ["force_z"], "poisson": {"solver": "adjoint"}}
     keys["force"] = {"clamp": False, "fit": "slopes"}
     wrong = {split: values.copy() for split, values in force_n.items()}
@@ -64,7 +68,7 @@ def test_wrong_forces_of_a_gauge_do_not_lead_weights_of_slopes_astray(make_scene
         found, *_ = FITS["slopes"].fit(
             make_scene(**keys, training=training),
             None,
-            ForceSamples(slopes, wrong, rest_mm, group=group, **known),
+            ForceSamples(slopes, wrong, rest_mm, recording=group, **known),
             progress=False,
         )
         estimate = np.einsum("nijt,aijt->na", slopes["validation"], found)

@@ -47,11 +47,19 @@ def test_where_chance_explains_what_is_smallest_the_ring_is_around_the_choice():
     assert "chosen, as good within chance: 2 N at 0.0001" in found
 
 
-def test_symmetric_weights_are_called_so():
-    for symmetric in (True, False):
-        curves = CURVES | {"history.force_integer.symmetric": np.full(10, symmetric)}
+def test_averaged_weights_say_their_shares():
+    share = np.zeros(10)
+    share[[1, 4, 7]] = 0.2, 0.7, 0.1
+    averaged = {
+        "history.force_integer.share": share,
+        "history.force_integer.cosines": np.repeat([4, 6, 8], [3, 3, 4]),
+    }
+    for symmetric, kind in ((True, "symmetric weights'"), (False, "weights'")):
+        curves = CURVES | averaged | {"history.force_integer.symmetric": np.full(10, symmetric)}
         found = texts(charts.curve_charts(curves)[1])
-        assert ("strength of the regularisation, symmetric weights" in found) == symmetric
+        assert {"4 cosines: 20%", "6 cosines: 70%", "8 cosines: 10%"} <= set(found)
+        assert f"strength of the regularisation, and shares of the {kind} average" in found
+        assert "force error, recordings left out, N" in found
 
 
 def test_polynomials_say_their_degree():

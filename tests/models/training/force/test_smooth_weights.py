@@ -161,41 +161,61 @@ def test_a_few_wrong_forces_do_not_lead_robust_fields_astray():
     weights, wrong = fields(4, axes=1), slice(0, 80, 10)
     change, truth = problem(weights, noise=0.5)
     truth["train"][wrong] -= 500
-    group = {split: np.arange(len(values)) % 4 for split, values in change.items()}
-    error, left_out = {}, {}
+    recording = {split: np.arange(len(values)) % 4 for split, values in change.items()}
+    error, averaged = {}, {}
     for robust in (False, True):
         found, *_ = smooth_weights.fit(change, truth, robust=robust)
         error[robust] = np.abs(force(frames(50, seed=7), found - weights)).mean()
-        model = smooth_weights.SmoothWeights(change, truth, robust=robust)
-        left_out[robust] = model.left_out_error({"cosines": 4, "regularisation": 1e-6}, group)
+        found, *_ = smooth_weights.fit(change, truth, robust=robust, recording=recording)
+        averaged[robust] = np.abs(force(frames(50, seed=7), found - weights)).mean()
     assert error[True] < 0.4 * error[False]  # the size is chosen before
-    assert left_out[True] < 0.7 * left_out[False]  # all but the wrong frames' own errors
+    assert averaged[True] < 0.4 * averaged[False]
 
 
-@pytest.mark.parametrize(("groups", "of_lowest"), [(3, False), (11, True)])
-def test_errors_on_groups_left_out_are_those_of_fits_without_them(groups, of_lowest):
-    """Eleven groups are left out in eight parts; groups count alike."""
+def test_with_recordings_all_sizes_are_averaged_by_their_errors():
+    change, truth = problem(fields(4), noise=2.0)
+    shifts = {s: np.random.default_rng(9).normal(size=(len(x), 3, 2)) for s, x in change.items()}
+    recording = {s: np.arange(len(values)) % 5 for s, values in change.items()}
+    found, dots, history = smooth_weights.fit(change, truth, shifts, recording=recording, patience=1)
+    assert [entry["cosines"] for entry in history] == np.repeat([2, 4, 6], len(ridge.REGULARISATION)).tolist()
+    model = smooth_weights.SmoothWeights(change, truth, shifts)
+    used = [entry for entry in history if entry["share"]]
+    assert [entry["cosines"] for entry in used] == [2, 4, 6]
+    errors = [entry["validation_mae_n"] for entry in used]
+    for entry, size in zip(used, (2, 4, 6), strict=True):
+        assert entry == ridge.best([e for e in history if e["cosines"] == size])
+        assert entry["share"] == pytest.approx(entry["validation_mae_n"] ** -4 / sum(e**-4.0 for e in errors))
+    parts = [model.weights(entry, with_validation=False) for entry in used]
+    for k, values in enumerate((found, dots)):
+        expected = sum(entry["share"] * part[k] for entry, part in zip(used, parts, strict=True))
+        np.testing.assert_allclose(values, expected)
+
+
+def test_the_error_of_a_choice_on_recordings_left_out_is_that_of_all_errors():
+    """Also of fields of few cosines, and whatever the order of the splits. Which forces are wrong is found
+    with another strength, so robust ones differ by little."""
     change, truth = problem(fields(4), noise=0.5)
-    group = {s: np.array([f"{k % groups:02}" for k in range(len(values))]) for s, values in change.items()}
-    group["validation"] = group["validation"][::-1]
-    model = smooth_weights.SmoothWeights(change, truth)
-    if of_lowest:
-        model = model.restricted(lambda axis, size: np.arange(2 * size)[None])
-    chosen = {"cosines": 4, "regularisation": 1e-2}
-    used = 8 if of_lowest else 32
-    splits = ("train", "validation")
-    x = np.concatenate(
-        [model.cosines[s][:, :4, :4].reshape(len(model.cosines[s]), -1)[:, :used] for s in splits]
-    )
-    y = np.concatenate([model.force_n[s] for s in splits])
-    name = np.concatenate([group["train"], group["validation"]])
-    errors = []
-    for k in range(groups):
-        together = [f"{j:02}" for j in range(groups) if j % 8 == k % 8]
-        seen = ~np.isin(name, together)
-        out = name == f"{k:02}"
-        weights = ridge.fit(x[seen], y[seen], chosen)
-        errors.append(np.abs(x[out] @ weights - y[out]).sum(axis=1).mean())
-    backwards = {split: group[split] for split in reversed(splits)}
-    for known in (group, backwards):
-        assert model.left_out_error(chosen, known) == pytest.approx(np.mean(errors))
+    recording = {s: np.arange(len(values)) % 5 for s, values in change.items()}
+    recording["validation"] = recording["validation"][::-1]
+    for robust in (False, True):
+        model = smooth_weights.SmoothWeights(change, truth, robust=robust)
+        for each in (model, model.restricted(lambda axis, size: np.arange(2 * size)[None])):
+            entry = each.errors(recording=recording)[30]
+            backwards = {split: recording[split] for split in ("validation", "train")}
+            expected = pytest.approx(entry["validation_mae_n"], rel=0.02 if robust else 1e-3)
+            assert each.left_out_error(entry, backwards) == expected
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.0])
+def test_an_exact_fit_has_the_whole_average(scale, monkeypatch):
+    """Even where its error is zero, so that no quotient of errors is known."""
+    model = smooth_weights.SmoothWeights(*problem(fields(2)))
+    history = [
+        {"cosines": 2, "regularisation": 1e-9, "validation_mae_n": 1e-9 * scale},
+        {"cosines": 4, "regularisation": 1e-9, "validation_mae_n": 1.0},
+    ]
+    found, dots, (rated,) = smooth_weights.average([(model, history)])
+    assert rated[0]["share"] == pytest.approx(1)
+    assert rated[1]["share"] == pytest.approx(0)
+    assert dots is None
+    np.testing.assert_allclose(found, fields(2), atol=1e-5)
