@@ -11,7 +11,6 @@ from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.hyperforce import HyperForce
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer.force import block_means
-from fastac.models.training.force.light import under_other_light
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
 from fastac.sensor.groups import groups, left_out_together
@@ -57,8 +56,6 @@ def fit_force(
 
 def force_samples(pipeline: FloatPipeline | Emulator, data: Dataset, *, progress: bool) -> ForceSamples:
     """What the pipeline finds for the force model, and the truth, on training and validation frames."""
-    settings = pipeline.scene.training
-    data = under_other_light(data, settings.force_light_noise, settings.seed)
     splits = {s: data.indices(s) for s in ("train", "validation") if len(data.indices(s))}
     way, together, recording = FITS[pipeline.scene.force.fit], groups(data), left_out_together(data)
 

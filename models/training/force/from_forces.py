@@ -6,8 +6,8 @@ model (force_start.py). Then network and fields a, b (sums of cosines) are train
 force, and on the curl of the slopes: a surface's slopes have none, which a few objects and forces do not tell
 (integrability.py). The network that is kept has the mean of its parameters before and after, which says less
 of what no press has shown. Afterwards smooth_weights.py fits the fields again, to the slopes of each
-arithmetic, with the symmetry of presses where it holds (press_symmetry.py). All of it sees each frame under a
-light of its own (light.py), the network another in each epoch.
+arithmetic, with the symmetry of presses where it holds (press_symmetry.py). Training sees each frame under a
+light of its own (light.py), the network another in each epoch; the last fit sees frames as they are.
 
 Where the scene limits the patience, nobody knows beforehand which epoch will be the last, and rates cannot be
 annealed towards it. They stay as they are, and a moving average of the parameters over about an epoch is
