@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 from fastac.flow import force_training, frames, training
 from fastac.models import accuracy
 from fastac.models.integer.bundle import Bundle
-from fastac.models.training.force import ridge, smooth_weights
+from fastac.models.training.force import ridge
 from fastac.models.training.force.force_start import background_differences
 from fastac.models.training.force.smooth_weights import SmoothWeights
 from fastac.report.tables import mean_and_spread, text_table
@@ -67,7 +67,7 @@ def linear_forces_n(
         model = SmoothWeights(change, force, robust=robust)
         errors = model.errors(recording=recording, patience=patience)
         if robust:
-            weights, *_ = smooth_weights.average([(model, errors)])
+            weights, *_ = model.average(errors)
         else:
             weights, _ = model.weights(ridge.best(errors), with_validation=False)
         found[name] = np.einsum("nijc,aijc->na", tested, weights)

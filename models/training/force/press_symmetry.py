@@ -25,7 +25,7 @@ import torch
 from fastac.models.training.force import ridge
 from fastac.models.training.force.force_from_pixels import block_averages
 from fastac.models.training.force.integrability import curl_share
-from fastac.models.training.force.smooth_weights import SmoothWeights, average
+from fastac.models.training.force.smooth_weights import SmoothWeights
 
 ODD = {"x": ((0, 0), (1, 1)), "y": ((1, 1), (0, 0)), "z": ((0, 1), (1, 0))}
 """For each axis of the force whether k_y and k_x are odd, of p's cosines and of q's."""
@@ -97,5 +97,6 @@ def fit(
         for symmetric, model in candidates.items()
     }
     best = min(fits, key=lambda symmetric: ridge.best(fits[symmetric][1])["validation_mae_n"])
-    weights, _, (history,) = average([fits[best]])
+    model, history = fits[best]
+    weights, _, history = model.average(history)
     return weights, [{**entry, "symmetric": best} for entry in history]

@@ -11,7 +11,7 @@ models/floating/adjoint.py derives do not.
 """
 
 import copy
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from functools import partial
 from itertools import groupby
 from typing import NamedTuple, Self
@@ -199,34 +199,26 @@ class SmoothWeights:
         dots = None if of_dots[0] is None else np.concatenate(of_dots)
         return idctn(padded, axes=(1, 2), norm="ortho"), dots
 
+    def average(self, history: list[dict]) -> tuple[np.ndarray, np.ndarray | None, list[dict]]:
+        """The average of fields, and of weights of dots, over all sizes, each with its best regularisation;
+        and the history with every entry's "share" in the average.
 
-def average(
-    fits: Sequence[tuple[SmoothWeights, list[dict]]],
-) -> tuple[np.ndarray, np.ndarray | None, list[list[dict]]]:
-    """The average of fields, and of weights of dots, over all sizes of regressions on the same frames, each
-    size with its best regularisation; and each regression's `errors`, with every entry's "share" in the
-    average.
-
-    fits : regressions and their `errors` on recordings left out. Weights are fitted to the train split.
-    """
-    histories = [[entry | {"share": 0.0} for entry in history] for _, history in fits]
-    chosen = [
-        (model, min(same, key=lambda entry: entry["validation_mae_n"]))
-        for (model, _), history in zip(fits, histories, strict=True)
-        for _, same in groupby(history, key=lambda entry: entry["cosines"])
-    ]
-    errors = np.array([entry["validation_mae_n"] for _, entry in chosen])
-    least = max(errors.min(), np.finfo(float).tiny)
-    shares = (np.maximum(errors, least) / least) ** -SHARPNESS
-    shares /= shares.sum()
-    fields, dots = 0.0, None
-    for (model, entry), share in zip(chosen, shares.tolist(), strict=True):
-        entry["share"] = share
-        found, of_dots = model.weights(entry, with_validation=False)
-        fields = fields + share * found
-        if of_dots is not None:
-            dots = share * of_dots + (0.0 if dots is None else dots)
-    return fields, dots, histories
+        history : `errors` on recordings left out. Weights are fitted to the train split.
+        """
+        history = [entry | {"share": 0.0} for entry in history]
+        chosen = [ridge.best(same) for _, same in groupby(history, key=lambda entry: entry["cosines"])]
+        errors = np.array([entry["validation_mae_n"] for entry in chosen])
+        least = max(errors.min(), np.finfo(float).tiny)
+        shares = (np.maximum(errors, least) / least) ** -SHARPNESS
+        shares /= shares.sum()
+        fields, dots = 0.0, None
+        for entry, share in zip(chosen, shares.tolist(), strict=True):
+            entry["share"] = share
+            found, of_dots = self.weights(entry, with_validation=False)
+            fields = fields + share * found
+            if of_dots is not None:
+                dots = share * of_dots + (0.0 if dots is None else dots)
+        return fields, dots, history
 
 
 def fit(
@@ -244,7 +236,7 @@ def fit(
     """Fit the weights of the images, (axes, H, W, terms) in N, and of the dots' shifts, (axes, M, 2) in N per
     px; returns them, None without shifts, and the errors of all m tried.
 
-    Those of the best m or, with `recording`, the `average` of those of all.
+    Those of the best m or, with `recording`, the `SmoothWeights.average` of those of all.
 
     images, force_n, shifts_px, robust : as in `SmoothWeights`; recording, patience : as in its `errors`
     with_validation : whether the weights are fitted to the frames of both splits instead of those of the
@@ -261,6 +253,5 @@ def fit(
         progress=progress,
     )
     if recording is not None:
-        fields, dots, (history,) = average([(model, history)])
-        return fields, dots, history
+        return model.average(history)
     return *model.weights(ridge.best(history), with_validation=with_validation), history

@@ -214,7 +214,7 @@ def test_an_exact_fit_has_the_whole_average(scale, monkeypatch):
         {"cosines": 2, "regularisation": 1e-9, "validation_mae_n": 1e-9 * scale},
         {"cosines": 4, "regularisation": 1e-9, "validation_mae_n": 1.0},
     ]
-    found, dots, (rated,) = smooth_weights.average([(model, history)])
+    found, dots, rated = model.average(history)
     assert rated[0]["share"] == pytest.approx(1)
     assert rated[1]["share"] == pytest.approx(0)
     assert dots is None
