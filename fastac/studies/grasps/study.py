@@ -33,6 +33,19 @@ WAYS = {
 """Ways to train: what differs in the scene's sensor and training."""
 
 
+def scenes(known: Scene) -> dict[str, Scene]:
+    """For each way the scene `known` with that way's sensor and training."""
+    return {
+        way: known.model_copy(
+            update={
+                "sensor": known.sensor.model_copy(update=of_sensor),
+                "training": known.training.model_copy(update=of_training),
+            }
+        )
+        for way, (of_sensor, of_training) in WAYS.items()
+    }
+
+
 def measure(
     scene: Scene,
     output: Path,
@@ -54,10 +67,8 @@ def measure(
     arguments = {"scene": known, "objects": list(objects), "presses": presses, "seed": 1}
     step = Step("grasps", recordings.write, arguments, (recordings.RECORDINGS,), {"progress": progress})
     path = open_store(store).perform(step).path(recordings.RECORDINGS)
-    for way, (of_sensor, of_training) in WAYS.items():
-        lit = known.model_copy(update={"sensor": known.sensor.model_copy(update=of_sensor)})
-        data = frames.read(path, lit, store=store, progress=progress)
-        own = lit.model_copy(update={"training": lit.training.model_copy(update=of_training)})
+    for way, own in scenes(known).items():
+        data = frames.read(path, own, store=store, progress=progress)
         with pools.this_process() if jobs == 1 else pools.local_pool(jobs) as pool:
             found = leave_one_out.evaluate(
                 data, own, path, store, seeds=seeds, start=pool.start, progress=progress
