@@ -153,13 +153,19 @@ class SmoothWeights:
                 break
         return history
 
-    def _left_out(self, recording: np.ndarray, x: dict[str, np.ndarray], force_n: dict[str, np.ndarray]):
+    def _left_out(
+        self,
+        recording: np.ndarray,
+        x: dict[str, np.ndarray],
+        force_n: dict[str, np.ndarray],
+        regularisation: np.ndarray = ridge.REGULARISATION,
+    ) -> list[dict]:
         """`left_out.errors_n` of all splits, in the form of `ridge.held_out_errors`."""
         x, force_n = (ridge.known(values, with_validation=True) for values in (x, force_n))
-        errors_n = left_out.errors_n(x, force_n, recording, robust=self.robust)
+        errors_n = left_out.errors_n(x, force_n, recording, regularisation, robust=self.robust)
         return [
             {"regularisation": strength, "validation_mae_n": error}
-            for strength, error in zip(ridge.REGULARISATION.tolist(), errors_n.tolist(), strict=True)
+            for strength, error in zip(regularisation.tolist(), errors_n.tolist(), strict=True)
         ]
 
     def left_out_error(self, chosen: dict, recording: dict[str, np.ndarray]) -> float:
@@ -170,12 +176,8 @@ class SmoothWeights:
         """
         strength = np.array([chosen["regularisation"]])
         every = np.concatenate([recording[split] for split in self.cosines])
-        problems = [
-            [ridge.known(values, with_validation=True) for values in (x, force_n)]
-            for _, _, x, force_n in self._problems(chosen["cosines"])
-        ]
-        errors = [left_out.errors_n(*each, every, strength, robust=self.robust)[0] for each in problems]
-        return float(np.sum(errors))
+        found = [self._left_out(every, x, f, strength) for _, _, x, f in self._problems(chosen["cosines"])]
+        return sum(only["validation_mae_n"] for [only] in found)
 
     def weights(self, chosen: dict, *, with_validation: bool) -> tuple[np.ndarray, np.ndarray | None]:
         """The fields (axes, H, W, terms) and the dots' weights (axes, M, 2) of an entry of `errors`.
