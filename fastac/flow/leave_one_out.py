@@ -8,16 +8,12 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from fastac.flow import force_training, frames, training
+from fastac.flow import force_training, frames, simple_models, training
 from fastac.models import accuracy
 from fastac.models.integer.bundle import Bundle
-from fastac.models.training.force import ridge
-from fastac.models.training.force.force_start import background_differences
-from fastac.models.training.force.smooth_weights import SmoothWeights
 from fastac.report.tables import mean_and_spread, text_table
 from fastac.scenes.schema import Scene, with_seed
 from fastac.sensor.dataset import Dataset, DatasetError
-from fastac.sensor.groups import left_out_together
 from fastac.sensor.importers.force_labels import split_by_group
 from fastac.store.files import load_arrays
 from fastac.store.progress import progress_bar
@@ -25,9 +21,10 @@ from fastac.store.side_by_side import ended
 from fastac.store.steps import Step
 from fastac.store.store import open_store
 
-MODELS = ("float", "integer", "linear", "robust linear", "quadratic")
-"""Columns of the table: the model's two arithmetics, a ridge on the pixels' differences from the background,
-the models' own last fit on these, and a quadratic in the differences' sum."""
+TRAINED = ("float", "integer")
+"""The two arithmetics of what is trained."""
+MODELS = (*TRAINED, *simple_models.MODELS)
+"""Columns of the table."""
 HEAD = ("left out", "frames", *(f"{model}, N" for model in MODELS))
 
 
@@ -44,42 +41,6 @@ def check(data: Dataset, scene: Scene, path: Path) -> list[str]:
     if len(groups) < 2:
         raise DatasetError(f"{path}: group = {groups[0]!r} alone: expected at least two")
     return groups
-
-
-def linear_forces_n(
-    data: Dataset, axes: tuple[int, ...], patience: int | None = None
-) -> dict[str, np.ndarray]:
-    """Forces (test frames, axes) of two ridges on the pixels' differences, whose weights are smooth over the
-    image: "linear" by squares of errors, with the size that is best on recordings left out; "robust linear"
-    as the models' last fit, by Huber's loss and the average over sizes.
-
-    The differences are those of single pixels, whatever the scene's network sees.
-
-    patience : as in `SmoothWeights.errors`
-    """
-    splits = {split: index for split in ("train", "validation") if len(index := data.indices(split))}
-    change = {split: background_differences(data, index) for split, index in splits.items()}
-    force = {split: data.forces_n(index, axes) for split, index in splits.items()}
-    tested = background_differences(data, data.indices("test"))
-    together, found = left_out_together(data), {}
-    recording = {split: together[index] for split, index in splits.items()}
-    for name, robust in (("linear", False), ("robust linear", True)):
-        model = SmoothWeights(change, force, robust=robust)
-        errors = model.errors(recording=recording, patience=patience)
-        if robust:
-            weights, *_ = model.average(errors)
-        else:
-            weights, _ = model.weights(ridge.best(errors), with_validation=False)
-        found[name] = np.einsum("nijc,aijc->na", tested, weights)
-    return found
-
-
-def quadratic_force_n(data: Dataset, axes: tuple[int, ...]) -> np.ndarray:
-    """Forces (test frames, axes) of a + b·s + c·s², s the sum of all absolute differences, least squares."""
-    sums = np.array([np.abs(background_differences(data, [k])).mean() for k in range(len(data))])
-    x = sums[:, None] ** np.arange(3)
-    seen, test = np.flatnonzero(data.split != "test"), data.indices("test")
-    return x[test] @ np.linalg.lstsq(x[seen], data.forces_n(seen, axes), rcond=None)[0]
 
 
 def without_interval(scene: Scene) -> Scene:
@@ -101,7 +62,8 @@ def train(data: Dataset, scene: Scene, folder: Path, *, progress: bool) -> Bundl
 
 
 def without_group(folder: Path, data: Path, scene: Scene, group: str, *, store: Path, progress: bool) -> dict:
-    """A step: mean absolute errors, N, of all models on a group of recordings, trained on the others.
+    """A step: mean absolute errors, N, of the model on a group of recordings, trained on the others, in both
+    arithmetics.
 
     On one core, so that groups can be trained side by side and the result does not depend on how many are.
     """
@@ -109,18 +71,8 @@ def without_group(folder: Path, data: Path, scene: Scene, group: str, *, store: 
         known = frames.read(data, scene, store=store, progress=progress)
         known = replace(known, split=split_by_group(known.group, (group,)))
         model, index = train(known, without_interval(scene), folder, progress=progress), known.indices("test")
-        truth = known.forces_n(index, scene.force_axes)
-        found = {
-            name: value["force_mae_n"]
-            for name, value in accuracy.compare_pipelines(model, known, index, progress=progress)[0].items()
-            if name in MODELS
-        }
-        estimates = {
-            **linear_forces_n(known, scene.force_axes, scene.training.patience_sizes),
-            "quadratic": quadratic_force_n(known, scene.force_axes),
-        }
-    found |= {name: float(np.abs(estimate - truth).mean()) for name, estimate in estimates.items()}
-    return {"frames": len(index), "mae_n": found}
+        found, _ = accuracy.compare_pipelines(model, known, index, progress=progress)
+    return {"frames": len(index), "mae_n": {name: found[name]["force_mae_n"] for name in TRAINED}}
 
 
 def step_of(path: Path, scene: Scene, group: str, store: Path, *, progress: bool) -> Step:
@@ -129,9 +81,9 @@ def step_of(path: Path, scene: Scene, group: str, store: Path, *, progress: bool
     return Step("left_out", without_group, arguments, (), {"store": store, "progress": progress})
 
 
-def perform(path: Path, scene: Scene, group: str, store: Path) -> dict:
-    """What `without_group` finds, for a process of its own."""
-    return open_store(store).value(step_of(path, scene, group, store, progress=False))
+def perform(make: Callable[..., Step], path: Path, scene: Scene, group: str, store: Path) -> object:
+    """The value of the step that `make` makes, such as `step_of`, for a process of its own."""
+    return open_store(store).value(make(path, scene, group, store, progress=False))
 
 
 def _side_by_side(tasks: list[tuple], executor: Executor) -> Iterator[None]:
@@ -155,34 +107,34 @@ def evaluate(
     """Errors with each group left out, {"data": …, "seeds": [...], "runs": [{"groups": {name: …},
     "mean_mae_n": {model: N}}, one for each seed]}.
 
-    Each group's training is a step of the store in the folder `store`, so that an interrupted run goes on
-    where it stopped. Groups count alike in the mean.
+    Each group's training is a step of the store in the folder `store`, and so are its simple models, which no
+    seed changes; an interrupted run goes on where it stopped. Groups count alike in the mean.
 
     seeds : of the trainings, one of each group with each; None: the scene's own
     start : makes the processes that train groups side by side; None, or one training: this process does
     """
     groups, kept = check(data, scene, path), open_store(store)
     seeds = [scene.training.seed] if seeds is None else list(seeds)
-    scenes = [with_seed(scene, seed) for seed in seeds]
-    steps = {
-        (k, name): step_of(path, own, name, store, progress=progress)
-        for k, own in enumerate(scenes)
-        for name in groups
+    made = {"simple": (simple_models.step_of, scene)}
+    made |= {seed: (step_of, with_seed(scene, seed)) for seed in seeds}
+    tasks = {
+        (key, name): (make, path, own, name, store) for key, (make, own) in made.items() for name in groups
     }
+    steps = {key: make(*task, progress=progress) for key, (make, *task) in tasks.items()}
     missing = [key for key, step in steps.items() if not kept.is_current(step)]
     with progress_bar(total=len(steps), desc="groups", unit="group", enabled=progress, leave=True) as bar:
         bar.update(len(steps) - len(missing))
         if start is not None and len(missing) > 1:
-            tasks = [(path, scenes[k], name, store) for k, name in missing]
-            for _ in _side_by_side(tasks, start()):
+            for _ in _side_by_side([tasks[key] for key in missing], start()):
                 bar.update()
         else:
             for key in missing:
                 kept.value(steps[key])
                 bar.update()
-    runs = []
-    for k in range(len(seeds)):
-        found = {name: kept.value(steps[k, name]) for name in groups}
+    simple, runs = {name: kept.value(steps["simple", name]) for name in groups}, []
+    for seed in seeds:
+        found = {name: kept.value(steps[seed, name]) for name in groups}
+        found = {name: entry | {"mae_n": entry["mae_n"] | simple[name]} for name, entry in found.items()}
         means = {m: float(np.mean([entry["mae_n"][m] for entry in found.values()])) for m in MODELS}
         runs.append({"groups": found, "mean_mae_n": means})
     return {"data": str(path), "seeds": seeds, "runs": runs}

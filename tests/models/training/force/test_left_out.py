@@ -17,7 +17,7 @@ def problem(features: int, *, axes: int = 1, noise: float = 0.5, seed: int = 1):
     return x, force_n, rng
 
 
-@pytest.mark.parametrize("features", [6, 30, 200])
+@pytest.mark.parametrize("features", [6, 30, 100, 200])
 @pytest.mark.parametrize("groups", [2, 8, 11])
 def test_each_recording_is_left_out_and_counts_alike(features, groups):
     """Eleven are left out in eight parts. More features than frames have the same ridge regressions."""
@@ -42,6 +42,22 @@ def test_each_recording_is_left_out_and_counts_alike(features, groups):
     strong = ridge.REGULARISATION >= 1e-6  # the weakest are rounded otherwise
     found = left_out.errors_n(x, force_n, name)
     np.testing.assert_allclose(found[strong], errors[strong], rtol=1e-3)
+
+
+@pytest.mark.parametrize("robust", [False, True])
+@pytest.mark.parametrize("features", [6, 100, 200])
+def test_one_fit_says_what_all_would(features, robust, monkeypatch):
+    """With wrong forces, whose frames count less; the weakest strengths are rounded."""
+    x, force_n, _ = problem(features, axes=2)
+    force_n[::10] += 50
+    found = []
+    for many in (0, np.inf):
+        monkeypatch.setattr(left_out, "MANY", many)
+        found.append(left_out.errors_n(x, force_n, np.arange(FRAMES) % 7, robust=robust))
+    one, every = found
+    strong = ridge.REGULARISATION >= 1e-7
+    np.testing.assert_allclose(one[strong], every[strong], rtol=1e-5)
+    np.testing.assert_allclose(one, every, rtol=0.05)
 
 
 def test_what_recordings_share_alone_is_worth_something():
