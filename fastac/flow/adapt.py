@@ -152,14 +152,14 @@ def pipeline_of(layers: tuple[Layer, ...], data: Dataset, known: Bundle) -> Inte
 
 
 def loadable(made: Bundle, known: Bundle, folder: Path) -> Bundle:
-    """The bundle with the force and as many neurons as the hardware of `known`.
+    """The bundle with the force and as many neurons as the hardware of `known`, saved to `folder`.
 
     Raises CalibrationError, one line that says what differs, where it cannot be loaded there.
     """
     if known.pipeline.force is not None:
         made = calibration.with_hardware_force(made, known, folder)
     else:
-        made = replace(made, pipeline=calibration.as_wide_as(made.pipeline, known.pipeline))
+        made = bundles.save(folder, calibration.as_wide_as(made.pipeline, known.pipeline), made.floats)
     calibration.calibration_words(made, known)
     return made
 
@@ -183,7 +183,7 @@ def adapted(
         floats |= dots_at_rest(few, scene)
     floats |= {name: values for name, values in integer.items() if name.startswith("history.")}
     pipeline = pipeline_of(quantise.layers_from_arrays(integer), few, known)
-    made = loadable(Bundle(pipeline, floats, ""), known, folder / "with_force")
+    made = loadable(Bundle(pipeline, floats, ""), known, folder / "loadable")
     seen = np.flatnonzero(few.split != "test")
     made, force = with_force_scale(made, few, seen)
     wider, of_intervals, intervals = widened(known, made.pipeline, few)
@@ -231,7 +231,7 @@ def adapt(
     few = read(data, known.scene, store=store, progress=progress)
     with tempfile.TemporaryDirectory() as place:
         pipeline = pipeline_of(known.pipeline.layers, few, known)
-        loadable(Bundle(pipeline, known.floats, ""), known, Path(place) / "with_force")
+        loadable(Bundle(pipeline, known.floats, ""), known, Path(place) / "loadable")
     given = {"scene": known.scene, "bundle": source, "data": data}
     quiet = {"store": store, "progress": progress}
     kept = open_store(store)

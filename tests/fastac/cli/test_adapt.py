@@ -12,6 +12,7 @@ from described_hardware import content
 from fastac.flow import adapt
 from fastac.flow.build import Build
 from fastac.flow.hardware import NAME
+from fastac.gateware.calibration import calibration_words
 from fastac.gateware.target.elaboration import to_verilog
 from fastac.gateware.top_zynq import TopZynq
 from fastac.models.emulator.pipeline import Emulator
@@ -92,6 +93,19 @@ def test_what_cannot_be_loaded_is_refused_before_anything_is_trained(
     assert message == f"{tiny_folder}: is BUNDLE; give another folder"
     assert not (tmp_path / "new").exists()
     assert not (tmp_path / "store").exists()
+
+
+@pytest.mark.full
+def test_a_scene_without_a_force(make_scene, tiny_file, second, tmp_path):
+    scene = make_scene(outputs=["normals", "depth"])
+    old, new = tmp_path / "old", tmp_path / "new"
+    Build(scene, old, tiny_file, progress=False).run(lambda *_: None, until="bundle")
+    printed = succeed("adapt", old, "--data", second, "-o", new, "--no-progress").stdout
+    assert "force: none" in printed
+    known, found = (bundles.load(folder / "bundle") for folder in (old, new))
+    words = np.fromfile(new / "calibration.bin", "<u4")
+    np.testing.assert_array_equal(words, calibration_words(found, known))
+    assert found.digest != known.digest
 
 
 @pytest.mark.full
