@@ -1,6 +1,7 @@
 """What the commands `fastac import` share: options, and the line that says what was written."""
 
 import click
+import numpy as np
 
 
 def size_options(command):
@@ -27,10 +28,16 @@ def circle_options(command):
         help="Leave out presses whose circle is larger than the ball or leaves the photograph, and count"
         " them; otherwise they are an error.",
     )
+    cut = click.option(
+        "--cut-circles",
+        is_flag=True,
+        help="Take of a circle that leaves the photograph what is in it, if its centre is; its depth does not"
+        " count.",
+    )
     scale = click.option(
         "--px-per-mm", type=float, required=True, help="Pixels of the original photographs per mm."
     )
-    return scale(reduction(skip(size_options(command))))
+    return scale(reduction(skip(cut(size_options(command)))))
 
 
 ball_option = click.option("--ball-mm", type=float, required=True, help="Diameter of the ball, mm.")
@@ -71,7 +78,7 @@ def every_option(what: str):
 
 
 negate_option = click.option(
-    "--negate", is_flag=True, help="Negate all forces: for gauges of which z is negative in compression."
+    "--negate", is_flag=True, help="Negate all forces: for gauges whose z is negative in compression."
 )
 
 
@@ -107,9 +114,23 @@ def say_presses(output) -> None:
         click.echo(f"warning: {output}: {doubt}", err=True)
 
 
+def _apart(delays) -> str:
+    """Which recordings' frames and forces are apart in time, and by how much."""
+    first = max(delays, key=lambda found: found.correlation - found.without)
+    which = f"{len(delays)} recordings" if len(delays) > 1 else "a recording"
+    when = f"{abs(first.frames)} frames {'later' if first.frames > 0 else 'earlier'}"
+    median = float(np.median([found.frames for found in delays]))
+    return (
+        f"frames and forces of {which} are apart in time: those of {first.recording} agree best where frames"
+        f" are {when} (correlation {first.correlation:.2f} instead of {first.without:.2f}); median"
+        f" {median:+g} frames"
+    )
+
+
 def say_forces(output, written) -> None:
-    """Print what a dataset of frames with forces holds, which groups are held out, and which frames are
-    missing because they would have to pull the skin; `written` is what the importer returned."""
+    """Print what a dataset of frames with forces holds, which groups are held out, which frames are missing
+    because they would have to pull the skin, and whether frames and forces are apart in time; `written` is
+    what the importer returned."""
     from fastac.sensor.dataset import read
 
     data = read(output)
@@ -124,3 +145,5 @@ def say_forces(output, written) -> None:
             f"{written.pulled} frames with F_z below {-written.limit_n:.3g} N are left out, for nothing pulls"
             " a skin; --keep-pulls keeps them"
         )
+    if written.delays:
+        click.echo(f"warning: {output}: {_apart(written.delays)}", err=True)

@@ -61,10 +61,11 @@ def gs_sdk(folder, output, **given):
 @output_option("The dataset to write, HDF5.", OUTPUT_FILE)
 @progress_option
 def fots(folder, output, **given):
-    """Import the annotated ball presses of FOTS from FOLDER, its mlp_calib.
+    """Import the annotated ball presses of FOTS from FOLDER, its mlp_calib, or those of digit-depth.
 
     FOLDER holds csv/annotate.csv with the circles, the photographs that it names, and 0000.png, the untouched
-    gel. Photographs are padded with the background to the target's aspect ratio and resampled by area.
+    gel; folders of digit-depth have it where --background says. Photographs are padded with the background to
+    the target's aspect ratio and resampled by area.
 
     \b
     Example: fastac import fots FOTS/mlp_calib --ball-mm 4.7 --px-per-mm 19.58 -o presses.h5
@@ -156,6 +157,14 @@ def feats(folder, background, output, **given):
 )
 @pitch_option
 @held_out_option
+@click.option(
+    "--delay-frames",
+    type=int,
+    default=0,
+    show_default=True,
+    help="How many frames the videos are later than the forces; a warning says where they are.",
+)
+@negate_option
 @keep_pulls_option
 @size_options
 @output_option("The dataset to write, HDF5.", OUTPUT_FILE)

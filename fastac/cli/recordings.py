@@ -11,6 +11,7 @@ from fastac.cli.import_options import (
     circle_options,
     held_out_option,
     keep_pulls_option,
+    negate_option,
     pitch_option,
     say_forces,
     say_presses,
@@ -74,6 +75,7 @@ def ball_press(folder, labels, background, output, **given):
 )
 @pitch_option
 @held_out_option
+@negate_option
 @keep_pulls_option
 @size_options
 @output_option("The dataset to write, HDF5.", OUTPUT_FILE)
@@ -85,6 +87,7 @@ def force_recording(
     background_per_group,
     pitch_mm,
     held_out,
+    negate,
     keep_pulls,
     height_px,
     width_px,
@@ -116,6 +119,7 @@ def force_recording(
         per_group=background_per_group,
         pitch_mm=pitch_mm,
         held_out=held_out,
+        negate=negate,
         keep_pulls=keep_pulls,
         height_px=height_px,
         width_px=width_px,

@@ -25,6 +25,7 @@ BACKGROUND = "background"
 TEST_EVERY = 5
 """Where a recording names no split, every so-many-th press is in the test split."""
 SKIP = "--skip-bad-circles leaves such presses out"
+CUT = "--cut-circles takes what is in the image"
 
 
 @dataclass(frozen=True)
@@ -78,10 +79,13 @@ def splits_of(origin: Path, names: list[str], held_out: tuple[str, ...]) -> list
     return split_held_out(origin, np.array(names), held_out).tolist()
 
 
-def _checked(press: Press, height: int, width: int, px_per_mm: float, reduction_px: float) -> Press:
+def _checked(
+    press: Press, height: int, width: int, px_per_mm: float, reduction_px: float, cut: bool
+) -> Press:
     """A press whose circle has a radius `reduction_px` less than it was drawn.
 
-    Raises ImportFailure for a circle larger than the ball or beyond the image.
+    Raises ImportFailure for a circle larger than the ball, or beyond the image; with `cut` only its centre
+    must be in the image.
     """
     place, radius = press.place, press.radius_px - reduction_px
     key = f"radius_px = {press.radius_px:g}" + (f" - {reduction_px:g}" if reduction_px else "")
@@ -95,10 +99,12 @@ def _checked(press: Press, height: int, width: int, px_per_mm: float, reduction_
         )
     for key, size in (("center_x_px", width), ("center_y_px", height)):
         value = getattr(press, key)
-        if not radius - 0.5 <= value <= size - 0.5 - radius:
+        if not -0.5 <= value <= size - 0.5:
+            raise ImportFailure(f"{place}: {key} = {value:g}: not in the image of {size} px; {SKIP}")
+        if not cut and not radius - 0.5 <= value <= size - 0.5 - radius:
             raise ImportFailure(
                 f"{place}: {key} = {value:g}: a circle of radius {radius:g} px leaves the image of {size} px;"
-                f" {SKIP}"
+                f" {CUT}, {SKIP}"
             )
     return replace(press, radius_px=radius)
 
@@ -122,6 +128,7 @@ def write_presses(
     width_px: int = 128,
     radius_reduction_px: float = 0.0,
     skip_bad_circles: bool = False,
+    cut_circles: bool = False,
     left_out: int = 0,
     progress: bool = True,
 ) -> None:
@@ -136,6 +143,7 @@ def write_presses(
         drawn by hand, and many are larger than the contact
     skip_bad_circles : leave presses out whose circle is larger than the ball or leaves the image, and count
         them, rather than refuse all
+    cut_circles : take of a circle that leaves the image what is in it, where its centre is
     left_out : presses that were dropped before
 
     Raises ImportFailure on photographs that are missing, unreadable or of another size than the background,
@@ -149,7 +157,8 @@ def write_presses(
     named, presses = presses, []
     for press in named:
         try:
-            presses.append(_checked(press, *untouched.shape[:2], px_per_mm, radius_reduction_px))
+            size = untouched.shape[:2]
+            presses.append(_checked(press, *size, px_per_mm, radius_reduction_px, cut_circles))
         except ImportFailure:
             if not skip_bad_circles:
                 raise

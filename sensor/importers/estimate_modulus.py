@@ -95,6 +95,8 @@ def import_folder(
     pitch_mm: float,
     output: Path | str,
     crop_px: Sequence[int] | None = None,
+    delay_frames: int = 0,
+    negate: bool = False,
     held_out: tuple[str, ...] = (),
     height_px: int = 128,
     width_px: int = 128,
@@ -105,6 +107,9 @@ def import_folder(
 
     background_frames : the mean of so many first frames of each grasp, without contact, is its background
     crop_px : left, top, width and height of the part of each frame that shows the gel; None: all of it
+    delay_frames : of the videos: frame k + delay_frames has the force k; frames and forces without one
+        another are left out, and not counted
+    negate : for gauges whose forces are negative in compression, as those of the project's oldest folders
     held_out : objects of the test split (default: the last)
     keep_pulls, returns : as in `force_frames.write_forces`
 
@@ -112,8 +117,11 @@ def import_folder(
     """
     folder = Path(folder)
     grasps = _grasps(folder)
-    backgrounds = {}
+    backgrounds, sign = {}, -1 if negate else 1
     for grasp in grasps:
+        if abs(delay_frames) >= len(grasp.force_n):
+            few = f"expected less than its {len(grasp.force_n)} frames"
+            raise ImportFailure(f"{grasp.path}: delay_frames = {delay_frames}: {few}")
         if not 1 <= background_frames <= len(grasp.force_n):
             raise ImportFailure(
                 f"{grasp.path}: background_frames = {background_frames}: expected 1 to {len(grasp.force_n)}"
@@ -124,13 +132,15 @@ def import_folder(
     def frames() -> Iterator[ForceFrame]:
         for grasp in grasps:
             # A frame more than there are forces is an error of `frames`, which is asked first.
-            for k, (image, force_n) in enumerate(zip(grasp.frames(crop_px), grasp.force_n, strict=False)):
-                place = f"{grasp.path}: frame {k}"
-                yield ForceFrame(image, (float(force_n),), grasp.path.stem, grasp.group, place)
+            for k, (image, _) in enumerate(zip(grasp.frames(crop_px), grasp.force_n, strict=False)):
+                if 0 <= k - delay_frames < len(grasp.force_n):
+                    force_n = sign * float(grasp.force_n[k - delay_frames])
+                    place = f"{grasp.path}: frame {k}"
+                    yield ForceFrame(image, (force_n,), grasp.path.stem, grasp.group, place)
 
     return write_forces(
         frames(),
-        sum(len(grasp.force_n) for grasp in grasps),
+        sum(len(grasp.force_n) - abs(delay_frames) for grasp in grasps),
         backgrounds,
         origin=folder,
         pitch_mm=pitch_mm,

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fastac.sensor import dataset
+from fastac.sensor.importers.delays import Delay, delays
 from fastac.sensor.importers.footage import CHANNELS, ImportFailure, check_scale
 from fastac.sensor.importers.force_labels import check_compression, largest_pull_n, split_held_out
 from fastac.sensor.importers.resample import Resampling
@@ -42,10 +43,12 @@ class ForceFrame:
 
 
 class Written(NamedTuple):
-    """What became of the frames: how many were left out because F_z is below -limit_n."""
+    """What became of the frames: how many were left out because F_z is below -limit_n, and in which
+    recordings frames and forces are apart in time."""
 
     pulled: int
     limit_n: float
+    delays: tuple[Delay, ...]
 
 
 def size_of(image: np.ndarray) -> str:
@@ -100,7 +103,8 @@ def write_forces(
     progress: bool = True,
 ) -> Written:
     """Write `count` frames as the dataset `output`, without those in which F_z is negative by more than a
-    gauge's zero drifts (`force_labels.largest_pull_n`); returns how many these were.
+    gauge's zero drifts (`force_labels.largest_pull_n`); returns how many these were, and which recordings'
+    frames and forces are apart in time (`delays`).
 
     backgrounds : {recording: its untouched skin, (height, width, 3) in the order B, G, R}
     origin : the folder or file that errors about all frames name
@@ -127,7 +131,8 @@ def write_forces(
     shifts = {name: background - resampling.covered(own) for name, own in backgrounds.items()}
 
     room = _room((count, height_px, width_px, len(CHANNELS)), Path(output).absolute().parent)
-    force_n, group, split = np.zeros((count, len(axes)), np.float32), [], []
+    force_n, change = np.zeros((count, len(axes)), np.float32), np.zeros(count)
+    recording, group, split = [], [], []
     with progress_bar(frames, total=count, desc="frames", unit="frame", enabled=progress) as bar:
         for k, frame in enumerate(bar):
             if frame.image.shape != shape:
@@ -137,6 +142,8 @@ def write_forces(
                 raise ImportFailure(f"{frame.place}: force {frame.force_n} N: expected numbers")
             room[k] = np.clip(np.rint(resampling.covered(frame.image) + shifts[frame.recording]), 0, 255)
             force_n[k] = frame.force_n
+            change[k] = np.abs(room[k] - background).mean()
+            recording.append(frame.recording)
             group.append(frame.group)
             split.append(frame.split)
     check_compression(origin, force_n)
@@ -161,4 +168,4 @@ def write_forces(
         left_out=left_out + count - len(kept),
         photograph_px=shape[:2],
     )
-    return Written(count - len(kept), limit_n)
+    return Written(count - len(kept), limit_n, delays(recording, change, force_n[:, -1]))

@@ -111,7 +111,7 @@ def check_compression(origin: Path | str, force_n: np.ndarray) -> None:
     if (z_n * np.abs(z_n)).sum() < 0:
         raise ImportFailure(
             f"{origin}: force_z_n = {z_n.min():g} to {z_n.max():g}, mostly negative where it is large:"
-            " expected positive values in compression"
+            " expected positive values in compression (--negate, where a command has it, turns them)"
         )
 
 
@@ -137,13 +137,15 @@ def _index(value: str, frames: Photographs | Video, place: str) -> int:
     return index
 
 
-def read(path: Path, frames: Photographs | Video) -> Labels:
+def read(path: Path, frames: Photographs | Video, *, negate: bool = False) -> Labels:
     """The labels in a file.
+
+    negate : for gauges whose z is negative in compression
 
     Raises ImportFailure on columns and values that are missing, unknown or of another type, on frames named
     twice, and on forces whose sign is not that of compression.
     """
-    found = read_rows(path, Label)
+    found, sign = read_rows(path, Label), -1 if negate else 1
     axes = tuple(axis for axis, column in COLUMNS.items() if getattr(found[0][0], column) is not None)
     for axis in FORCE_AXES:
         if len(axes) > 1 and axis not in axes:
@@ -156,7 +158,7 @@ def read(path: Path, frames: Photographs | Video) -> Labels:
         axes,
         np.array([line for _, line in found])[order],
         frame[order],
-        np.array([[getattr(row, COLUMNS[axis]) for axis in axes] for row in rows], np.float64),
+        sign * np.array([[getattr(row, COLUMNS[axis]) for axis in axes] for row in rows], np.float64),
         np.array([row.group for row in rows]),
         None if rows[0].split is None else np.array([row.split for row in rows]),
     )

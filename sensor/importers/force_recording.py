@@ -89,9 +89,11 @@ class _Recording:
     per_group: bool
 
     @classmethod
-    def of(cls, source: Path, forces: Path, background_frames: int, per_group: bool) -> "_Recording":
+    def of(
+        cls, source: Path, forces: Path, background_frames: int, per_group: bool, negate: bool
+    ) -> "_Recording":
         frames = footage(source)
-        labels = force_labels.read(forces, frames)
+        labels = force_labels.read(forces, frames, negate=negate)
         count = int(labels.frame[-1]) + 1
         if not 1 <= background_frames <= count:
             raise ImportFailure(f"{forces}: background_frames = {background_frames}: expected 1 to {count}")
@@ -162,6 +164,7 @@ def import_recordings(
     output: Path | str,
     per_group: bool = False,
     held_out: tuple[str, ...] = (),
+    negate: bool = False,
     height_px: int = 128,
     width_px: int = 128,
     keep_pulls: bool = False,
@@ -175,6 +178,7 @@ def import_recordings(
     per_group : average the leading no-contact frames of each group of a recording into a background of its
         own
     pitch_mm : size of a resampled pixel; held_out : groups of the test split (default: the last)
+    negate : for gauges whose z is negative in compression
     keep_pulls, returns : as in `force_frames.write_forces`
 
     Frames are shifted by the difference of their background from the mean of all backgrounds, so that one
@@ -184,7 +188,7 @@ def import_recordings(
     """
     check_scale(recordings[0][0], "pitch_mm", pitch_mm)
     known = [
-        _Recording.of(Path(source), Path(forces), background_frames, per_group)
+        _Recording.of(Path(source), Path(forces), background_frames, per_group, negate)
         for source, forces in recordings
     ]
     every = [recording.labels for recording in known]

@@ -13,6 +13,10 @@ from miniatures import (
     taxim_pack,
 )
 
+from fastac.cli.import_options import say_forces
+from fastac.sensor.importers.delays import Delay
+from fastac.sensor.importers.force_frames import Written
+
 SIZE = ("--height-px", 32, "--width-px", 32, "--no-progress")
 
 
@@ -73,6 +77,24 @@ def test_estimate_modulus_writes_a_dataset(tmp_path):
         "1 frames with F_z below -0.2 N are left out, for nothing pulls a skin; --keep-pulls keeps them",
     ]
     assert "18 frames" in succeed(*command, "--keep-pulls").stdout
+
+
+def test_frames_and_forces_that_are_apart_are_told(tmp_path, capsys):
+    folder, output = estimate_modulus_folder(tmp_path / "grasps"), tmp_path / "d.h5"
+    command = ("import", "estimate-modulus", folder, "--background-frames", 2, "--pitch-mm", 0.2)
+    command = (*command, *SIZE, "-o", output)
+    assert "warning" not in succeed(*command).stderr
+    found = (Delay("pear_1", 14, 0.812, -0.503), Delay("pear_2", -3, 0.9, 0.6))
+    say_forces(output, Written(0, 1.0, found[:1]))
+    assert capsys.readouterr().err == (
+        f"warning: {output}: frames and forces of a recording are apart in time: those of pear_1 agree best"
+        " where frames are 14 frames later (correlation 0.81 instead of -0.50); median +14 frames\n"
+    )
+    say_forces(output, Written(0, 1.0, found[1:] * 2))
+    assert "of 2 recordings are apart" in (printed := capsys.readouterr().err)
+    assert "those of pear_2 agree best where frames are 3 frames earlier" in printed
+    assert printed.endswith("median -3 frames\n")
+    assert "delay_frames = 9: expected less than" in fail(*command, "--delay-frames", 9)
 
 
 def test_tacbench_writes_a_dataset(tmp_path):

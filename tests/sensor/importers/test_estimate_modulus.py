@@ -71,6 +71,29 @@ def test_forces_that_are_none(folder, forces, message):
     assert message in refused(folder)
 
 
+def test_forces_of_the_other_sign(folder):
+    """As in the project's oldest folders."""
+    for path in folder.glob("*_forces.pkl"):
+        path.write_bytes(pickle.dumps([-force for force in pickle.loads(path.read_bytes())]))
+    assert "expected positive values in compression (--negate" in refused(folder)
+    np.testing.assert_array_equal(imported(folder, negate=True).force_n[:, 0], [0, 0, 1, 2, 3, 4] * 3)
+
+
+def test_videos_that_are_later_than_forces(folder):
+    """Forces 0, 0, 1, 2, 3, 4 of six frames; the first and the last of either have no partner."""
+    for late, expected in ((2, [0, 0, 1, 2]), (-1, [0, 1, 2, 3, 4])):
+        data = imported(folder, delay_frames=late)
+        np.testing.assert_array_equal(data.force_n[:, 0], expected * 3)
+        every = imported(folder)
+        first = every.frames[2:6] if late > 0 else every.frames[:5]
+        np.testing.assert_array_equal(data.frames[: len(expected)], first)
+
+
+def test_delays_of_more_frames_than_there_are(folder):
+    for late in (-6, 7):
+        assert f"delay_frames = {late}: expected less than its 6 frames" in refused(folder, delay_frames=late)
+
+
 def test_what_is_missing(folder):
     (folder / "golf_ball__t=1_forces.pkl").unlink()
     assert "golf_ball__t=1_forces.pkl" in refused(folder)

@@ -297,3 +297,14 @@ def test_refuses_photographs_of_two_sizes(place):
     (place / "f.csv").unlink()
     with pytest.raises(ImportFailure, match=r"f\.csv: no such file"):
         imported(place)
+
+
+def test_forces_of_the_other_sign(place):
+    (place / "f.csv").write_text(rows())
+    expected = imported(place)
+    lines = [line.split(",") for line in rows(header="").splitlines()]
+    turned = "".join(f"{frame},{-float(force_n)},{group}\n" for frame, force_n, group in lines)
+    (place / "f.csv").write_text(HEADER + turned)
+    with pytest.raises(ImportFailure, match=r"expected positive values in compression \(--negate"):
+        imported(place)
+    np.testing.assert_array_equal(imported(place, negate=True).force_n, expected.force_n)
