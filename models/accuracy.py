@@ -10,7 +10,7 @@ from fastac.models.integer.bundle import Bundle
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.result import Result
 from fastac.scenes.schema import Scene
-from fastac.sensor.contact_circle import contact_circle
+from fastac.sensor.contact_circle import contact_circle, is_whole
 from fastac.sensor.dataset import Dataset
 
 LABEL_MARGIN_PX = 4
@@ -64,13 +64,16 @@ def contact_depth_mae_mm(result: Result, data: Dataset, index: np.ndarray, pitch
 
     Where the skin lies against a ball of radius R its height is −√(R² − r²) plus a constant that was not
     measured. So each image's mean difference over the circle, less a ring of LABEL_MARGIN_PX original pixels,
-    is subtracted before the absolute error is averaged; then the mean over images. None where the dataset
-    labels no contact circles of a ball of known diameter.
+    is subtracted before the absolute error is averaged; then the mean over images. Circles that reach beyond
+    the photograph do not count. None where the dataset labels no whole contact circles of a ball of known
+    diameter.
     """
     if data.indenter is None or "ball_mm" not in data.indenter:
         return None
     errors = []
     for k, sample, inside, distance_px in _contacts(data, index):
+        if not is_whole(data, sample):
+            continue
         under = (data.indenter["ball_mm"][sample] / 2) ** 2 - (distance_px * pitch_mm) ** 2
         difference = result.depth_mm[k][inside] + np.sqrt(under[inside])
         errors.append(np.abs(difference - difference.mean()).mean())

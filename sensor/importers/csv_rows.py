@@ -1,6 +1,7 @@
 """Rows of CSV files, checked against a dataclass whose fields name the columns and type their values.
 
-A column has its field's name, or the one that the field's metadata says: field(metadata={COLUMN: "r (mm)"}).
+A column has its field's name, or the one that the field's metadata says: field(metadata={COLUMN: "r (mm)"});
+of several, (COLUMN: ("r", "r (mm)")), the first that the file has.
 Every error is one line that names the file, the line, the column, the value, and what was expected.
 """
 
@@ -20,11 +21,14 @@ Row = TypeVar("Row")
 Split = Literal["train", "validation", "test"]
 """The type of a column `split`: a name of a split of the dataset."""
 COLUMN = "column"
-"""Key of a field's metadata: the name of its column, where that is no name in Python."""
+"""Key of a field's metadata: the name of its column, where that is no name in Python, or names."""
 
 
-def _column(field: Field) -> str:
-    return field.metadata.get(COLUMN, field.name)
+def _column(field: Field, header: Iterable[str]) -> str:
+    names = field.metadata.get(COLUMN, field.name)
+    if isinstance(names, str):
+        return names
+    return next((name for name in names if name in header), names[0])
 
 
 def where(path: Path, line: int) -> str:
@@ -61,8 +65,8 @@ def read_rows(
 
 def _check_header(path: Path, kind: type, header: list[str], needed: set[str], others_allowed: bool) -> None:
     """Refuse columns that are named twice, missing, or unknown; a misspelt one is told as such."""
-    known = [_column(field) for field in fields(kind)]
-    needed |= {_column(field) for field in fields(kind) if field.default is MISSING}
+    known = [_column(field, header) for field in fields(kind)]
+    needed |= {_column(field, header) for field in fields(kind) if field.default is MISSING}
     unknown = [column for column in header if column not in known]
     for column in header:
         if header.count(column) > 1:
@@ -82,7 +86,7 @@ def _row(adapter: TypeAdapter, kind: type, values: dict, place: str):
     if None in values:
         count = len(columns) + len(values[None])
         raise ImportFailure(f"{place}: {count} values: expected {len(columns)}, one for each column")
-    texts, named = {}, {field.name: _column(field) for field in fields(kind)}
+    texts, named = {}, {field.name: _column(field, columns) for field in fields(kind)}
     for name, column in named.items():
         if column not in values:
             continue

@@ -6,7 +6,9 @@ The layout is that of FOTS (GitHub, Rancho-zhao/FOTS, mlp_calib and its scripts/
     gelsight/0001.png    the photograph that …/gelsight/0001.png names: the last two parts of its path count
     0000.png             the untouched gel
 
-A photograph that is labelled twice has the later circle. Each press is a group of its own, by its file.
+Folders of digit-depth (GitHub, vocdex/digit-depth) are the same, with a column img_name and the untouched gel
+elsewhere. A photograph that is labelled twice has the later circle. Each press is a group of its own, by its
+file.
 """
 
 from dataclasses import dataclass, field
@@ -26,7 +28,7 @@ from fastac.sensor.importers.footage import check_scale, file_in, photograph
 class Annotation:
     """A photograph's path on the machine that labelled it, and its circle, px."""
 
-    img_names: str
+    img_names: str = field(metadata={COLUMN: ("img_names", "img_name")})
     center_x_px: float = field(metadata={COLUMN: "center_x"})
     center_y_px: float = field(metadata={COLUMN: "center_y"})
     radius_px: float = field(metadata={COLUMN: "radius"})

@@ -11,9 +11,10 @@ from fastac.cli.main import main
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
 NAMED_FILE = re.compile(
-    r"(?<![\w./-])(?<!--held-out )((?:[\w.-]+/)+[a-z_0-9.-]+\.(?:py|toml|md|png|vlt|j2|json))(?![\w/])"
+    r"(?<![\w./-])(?<!--held-out )(?<!--background )"
+    r"((?:[\w.-]+/)+[a-z_0-9.-]+\.(?:py|toml|md|png|vlt|j2|json))(?![\w/])"
 )
-"""A path with a folder in it, but for names of groups that are held out."""
+"""A path with a folder in it, but for names in a recording: of groups held out and of backgrounds."""
 
 
 NAMED_IN_FILE = re.compile(r"`([\w/]+\.py)`:?\s+`(\w+)[.`(]")

@@ -151,6 +151,16 @@ class TestContactDepth:
         depth[0, 0, 0] = 99  # outside
         assert self.of(depth, data) == pytest.approx(0.16)
 
+    def test_circles_beyond_the_photograph_do_not_count(self):
+        data, depth = self.pressed(3.1)
+        depth[0, 6, 9] += 1
+        data.indenter["center_px"][0] = (2, 6)
+        assert self.of(depth, data) < 1e-12
+        data.indenter["center_px"][1] = (9, 3)
+        assert self.of(depth, data) is not None
+        data.indenter["center_px"][1] = (9, 2)
+        assert self.of(depth, data) is None
+
     def test_no_ball_no_figure(self):
         data, depth = self.pressed()
         del data.indenter["ball_mm"]

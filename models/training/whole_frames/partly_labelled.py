@@ -13,7 +13,7 @@ from fastac.models.training.labelled_pixels import training_pixels
 from fastac.models.training.normals import normal_loss
 from fastac.models.training.whole_frames.frames import WholeFrames, unit
 from fastac.models.training.whole_frames.pixel_grid import WHOLE, Grid
-from fastac.sensor.contact_circle import contact_circle
+from fastac.sensor.contact_circle import contact_circle, is_whole
 
 DRAWN_PX = 8192
 """Labelled pixels of a step, beside the frames that are learned from as a whole."""
@@ -51,7 +51,8 @@ class BallContacts(PartlyLabelled):
 
     Where the skin lies against a ball of radius R its height is −√(R² − r²) plus what was not measured. Of
     each frame the mean difference over the circle, less `training.circle_margin`, is taken away before errors
-    are squared, as `accuracy.contact_depth_mae_mm` does.
+    are squared, as `accuracy.contact_depth_mae_mm` does. A circle that reaches beyond the photograph says
+    nothing of the depth.
     """
 
     def index(self, split: str) -> np.ndarray:
@@ -64,7 +65,7 @@ class BallContacts(PartlyLabelled):
         left out."""
         circle, radius_mm = contact_circle(self.data, sample), self.data.indenter["ball_mm"][sample] / 2
         known = np.zeros(self.rest_depth_mm.shape, bool)
-        if circle is None or not np.isfinite(radius_mm):
+        if not np.isfinite(radius_mm) or not is_whole(self.data, sample):
             return np.zeros(known.shape), known
         distance_px, radius_px = circle
         under = radius_mm**2 - (distance_px * self.scene.sensor.pitch_mm) ** 2

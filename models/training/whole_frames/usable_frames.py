@@ -5,7 +5,7 @@ import numpy as np
 from fastac.models.training.whole_frames.frames import WholeFrames
 from fastac.models.training.whole_frames.partly_labelled import BallContacts, PartlyLabelled
 from fastac.scenes.schema import Scene
-from fastac.sensor.contact_circle import contact_circle
+from fastac.sensor.contact_circle import is_whole
 from fastac.sensor.dataset import Dataset
 
 
@@ -20,11 +20,11 @@ def unknown_depth(data: Dataset) -> str | None:
         return None
     known = data.indenter or {}
     balls = np.isfinite(known["ball_mm"]) if "ball_mm" in known else np.zeros(len(data), bool)
-    if any(balls[k] and contact_circle(data, k) is not None for k in data.indices("train")):
+    if any(balls[k] and is_whole(data, k) for k in data.indices("train")):
         return None
     lack = "depth_mm: missing" if data.depth_mm is None else "valid: not every pixel is"
     return (
-        f"{lack}, and training.depth_weight needs the depth of every pixel, or contact circles of balls"
+        f"{lack}, and training.depth_weight needs the depth of every pixel, or whole contact circles of balls"
         " (indenter/radius_px, indenter/ball_mm); 0 does without"
     )
 

@@ -6,6 +6,7 @@ from PIL import Image
 
 from fastac.models.training import shown_slopes
 from fastac.scenes.schema import load
+from fastac.sensor.contact_circle import is_whole
 from fastac.sensor.dataset import read
 from fastac.sensor.importers.ball_press import import_folder
 from fastac.sensor.importers.footage import ImportFailure
@@ -103,6 +104,26 @@ def test_bad_circles_can_be_skipped(recording):
         ImportFailure, match="no circle of 1 presses is smaller than the ball and in the image"
     ):
         imported(recording, skip_bad_circles=True)
+
+
+def test_circles_can_be_cut_at_the_photograph_s_rim(recording):
+    """Where the skin is seen it lies against the ball as it does elsewhere. The photograph is 48 px wide and
+    lies in the middle of 64."""
+    (recording / "press.csv").write_text(HEADER + "a.png,5,30,15,train\nb.png,24,31.5,12,test\n")
+    with pytest.raises(ImportFailure, match="--cut-circles takes what is in the image, --skip-bad-circles"):
+        imported(recording)
+    data = imported(recording, cut_circles=True)
+    assert (len(data), data.left_out) == (3, 0)
+    v, u = np.indices((32, 32))
+    r = np.hypot(u - data.indenter["center_px"][0, 0], v - data.indenter["center_px"][0, 1])
+    np.testing.assert_array_equal(data.valid[0], (r <= 7.5) & (u >= 4))
+    assert data.valid[0].sum() < (r <= 7.5).sum()
+    assert [is_whole(data, k) for k in range(3)] == [False, True, False]
+    (recording / "press.csv").write_text(HEADER + "a.png,-1,30,15,train\n")
+    with pytest.raises(
+        ImportFailure, match="center_x_px = -1: not in the image of 48 px; --skip-bad-circles"
+    ):
+        imported(recording, cut_circles=True)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,5 @@
 import math
+import re
 from dataclasses import dataclass, field
 
 import pytest
@@ -27,6 +28,26 @@ def test_rows_are_typed_and_know_their_line(tmp_path):
         ("ball", 1.5, 7, "test", 2),
         ("nut", -2.0, 7, "train", 4),
     ]
+
+
+@dataclass(frozen=True)
+class Contact:
+    picture: str = field(metadata={COLUMN: ("picture", "photo")})
+    radius_px: float = field(metadata={COLUMN: "radius (px)"})
+
+
+def test_columns_of_several_names(tmp_path):
+    for name in ("picture", "photo"):
+        (tmp_path / "rows.csv").write_text(f"{name},radius (px)\na.png,3\n")
+        assert read_rows(tmp_path / "rows.csv", Contact) == [(Contact("a.png", 3.0), 2)]
+    for text, message in (
+        ("image,radius (px)\na.png,3\n", "picture: missing column"),
+        ("photo,radius (px)\n,3\n", "line 2: photo: missing value"),
+        ("photo,picture,radius (px)\na,b,3\n", "'photo': unknown column; expected picture, radius"),
+    ):
+        (tmp_path / "rows.csv").write_text(text)
+        with pytest.raises(ImportFailure, match=re.escape(message)):
+            read_rows(tmp_path / "rows.csv", Contact)
 
 
 def test_a_byte_order_mark_is_no_part_of_a_column(tmp_path):

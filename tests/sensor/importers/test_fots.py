@@ -48,6 +48,15 @@ def test_the_later_circle_counts(folder):
     assert imported(folder).indenter["radius_px"][0] == 4
 
 
+def test_the_column_of_digit_depth(folder):
+    table = folder / "csv" / "annotate.csv"
+    expected = imported(folder).indenter["center_px"]
+    table.write_text(table.read_text().replace("img_names", "img_name"))
+    (folder / "0000.png").rename(folder / "gelsight" / "rest.png")
+    data = imported(folder, background="gelsight/rest.png")
+    np.testing.assert_array_equal(data.indenter["center_px"], expected)
+
+
 def test_errors(folder):
     table = folder / "csv" / "annotate.csv"
     for rows, message in (

@@ -53,6 +53,12 @@ def test_only_frames_that_show_a_contact_are_learned_from(contacts, tiny_data):
     assert contacts().index("train").tolist() == [k for k in train.tolist() if k != 1]
 
 
+def test_circles_beyond_the_photograph_say_nothing_of_depth(contacts, pressed, tiny_data):
+    pressed.indenter["center_px"][3] = (12.0, 8.0)
+    train = tiny_data.indices("train")
+    assert contacts().index("train").tolist() == [k for k in train.tolist() if k not in (1, 3)]
+
+
 def test_the_shape_under_a_ball_counts_and_nothing_else_does(contacts):
     frames, (surface, distance) = contacts(), under_the_ball_px()
     inside = torch.from_numpy(distance <= 5)
