@@ -76,9 +76,15 @@ def indistinguishable(errors: Errors, those: Iterable[int], used: Iterable[Pair]
     return found
 
 
+def mean(metrics: Iterable[Mapping[str, float]], name: str) -> float:
+    """The mean error over the units in which it is known: presses whose contact reaches beyond the photograph
+    have none of the depth."""
+    return float(np.mean([each[name] for each in metrics if name in each]))
+
+
 def score(metrics: Iterable[Mapping[str, float]], names: Iterable[str]) -> float:
     """One number for the errors of several units: the geometric mean, over the named metrics, of each one's
-    mean over the units."""
+    `mean` over the units."""
     metrics = list(metrics)
-    means = [np.mean([each[name] for each in metrics]) for name in names]
+    means = [mean(metrics, name) for name in names]
     return float(np.exp(np.mean(np.log(np.maximum(means, np.finfo(float).tiny)))))

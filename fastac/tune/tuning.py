@@ -1,6 +1,6 @@
 """Trains candidates on parts of the data, chooses one, and finds what the choice is worth."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass, field
 
@@ -113,21 +113,22 @@ class Tuning:
             if value is None:
                 self.errors[candidate, pair] = dict.fromkeys(pair, np.inf)
                 continue
-            self.check_metrics(value)
+            self.check_metrics(value, pair)
             self.errors[candidate, pair] = {
                 fold: choice.score([value[name] for name in self.folds[fold]], self.metrics) for fold in pair
             }
 
-    def check_metrics(self, value: dict[str, dict[str, float]]) -> None:
-        """Settle on the metrics that all units have, or raise TuneError for one that is missing."""
-        for unit, errors in value.items():
-            if not self.metrics:
-                self.metrics = tuple(errors)
+    def check_metrics(self, value: dict[str, dict[str, float]], folds: Iterable[int]) -> None:
+        """Settle on the metrics that units have, or raise TuneError for a fold in which one is missing."""
+        if not self.metrics:
+            self.metrics = tuple(dict.fromkeys(name for errors in value.values() for name in errors))
+        for units in (self.folds[fold] for fold in folds):
+            known = dict.fromkeys(name for unit in units for name in value[unit])
             for name in self.metrics or ("",):
-                if name not in errors:
-                    known = ", ".join(errors) or "none"
+                if name not in known:
                     raise TuneError(
-                        f"{self.source.data}: {unit}: no error {name!r} is known; there are {known}"
+                        f"{self.source.data}: {', '.join(units)}: no error {name!r} is known; there are"
+                        f" {', '.join(known) or 'none'}"
                     )
 
     def run(self) -> dict:
@@ -168,7 +169,7 @@ class Tuning:
         ]
         found = self.perform_all(tasks, "nested errors")
         for (candidate, seed, (fold,)), value in zip(tasks, found, strict=True):
-            self.check_metrics(value)
+            self.check_metrics(value, (fold,))
             self.outer[candidate, seed, fold] = value
 
     def nested(self, by_fold: Sequence[int]) -> dict:
@@ -180,9 +181,9 @@ class Tuning:
         ]
         found: dict = {}
         for name in self.metrics:
-            means = [np.mean([e[name] for fold in folds for e in fold.values()]) for folds in values]
+            means = [choice.mean([e for fold in folds for e in fold.values()], name) for folds in values]
             of_folds = [
-                float(np.mean([e[name] for folds in values for e in folds[k].values()]))
+                choice.mean([e for folds in values for e in folds[k].values()], name)
                 for k in range(len(by_fold))
             ]
             spread = float(np.std(means, ddof=1)) if self.seeds > 1 else 0.0

@@ -58,3 +58,4 @@ def test_score():
     assert choice.score(units, ["a"]) == pytest.approx(2)
     assert choice.score(units, ["a", "b"]) == pytest.approx(8**0.5)
     assert choice.score([{"a": 0.0}], ["a"]) == pytest.approx(0)
+    assert choice.score([*units, {"b": 2.0}], ["a"]) == pytest.approx(2), "units without it do not count"

@@ -36,10 +36,10 @@ def tuned(tiny_scene, tiny_file, tmp_path, monkeypatch):
     monkeypatch.setattr(tuning, "perform", found_of)
     monkeypatch.setattr(tuning, "open_store", lambda path: NeverCurrent())
 
-    def tune(axes, with_test=False, scene=tiny_scene, **changes):
+    def tune(axes, with_test=False, scene=tiny_scene, folds=None, **changes):
         points = space.candidates(scene, axes, 9, seed=1)
         source = Source(tiny_file, tmp_path, None, with_test)
-        folds = [[name] for name in NAMES]
+        folds = folds or [[name] for name in NAMES]
         with ThreadPoolExecutor(2) as executor:
             return Tuning(points, folds, source, 2, executor, False, **changes).run()
 
@@ -104,6 +104,27 @@ def test_presses_of_the_test_split_among_the_others(tuned):
 def test_metrics(tuned):
     with pytest.raises(TuneError, match=r"no error 'force_mae_n' is known; there are normal_mae_deg$"):
         tuned(AXES, metrics=("force_mae_n",))
+
+
+def test_an_error_that_some_presses_do_not_have(tuned, monkeypatch):
+    """The depth of a contact that reaches beyond the photograph: the others of its fold count."""
+
+    def no_depth_of_two(scene, source, held_out):
+        found = found_of(scene, source, held_out)
+        depth = {"contact_depth_mae_mm": 3.0}
+        return {name: errors if name in ("a", "f") else errors | depth for name, errors in found.items()}
+
+    monkeypatch.setattr(tuning, "perform", no_depth_of_two)
+    folds = [["a", "b"], ["c", "d"], ["e", "f"]]
+    content = tuned(AXES, folds=folds)
+    assert content["metrics"] == ["normal_mae_deg", "contact_depth_mae_mm"]
+    assert content["candidates"][content["winner"]] == {"training.input_noise": BEST}
+    error = content["nested"]["chosen"]["contact_depth_mae_mm"]
+    assert (error["mean"], error["folds"]) == (3.0, [3.0] * 3)
+    with pytest.raises(
+        TuneError, match=r": a, f: no error 'contact_depth_mae_mm' is known; there are normal"
+    ):
+        tuned(AXES, folds=[["b", "c"], ["a", "f"], ["d", "e"]])
 
 
 def test_a_scene_that_cannot_be_trained(tuned, make_scene):
