@@ -5,6 +5,7 @@ import numpy as np
 from fastac.sensor.samples import Dataset
 
 ROUNDING_PX = 1e-6
+"""By so much a circle that ends at the photograph's rim may seem to reach beyond it."""
 
 
 def _circle(data: Dataset, index: int) -> tuple[np.ndarray, float] | None:

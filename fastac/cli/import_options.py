@@ -1,7 +1,8 @@
 """What the commands `fastac import` share: options, and the line that says what was written."""
 
+from statistics import median
+
 import click
-import numpy as np
 
 
 def size_options(command):
@@ -119,11 +120,11 @@ def _apart(delays) -> str:
     first = max(delays, key=lambda found: found.correlation - found.without)
     which = f"{len(delays)} recordings" if len(delays) > 1 else "a recording"
     when = f"{abs(first.frames)} frames {'later' if first.frames > 0 else 'earlier'}"
-    median = float(np.median([found.frames for found in delays]))
+    middle = median(found.frames for found in delays)
     return (
         f"frames and forces of {which} are apart in time: those of {first.recording} agree best where frames"
         f" are {when} (correlation {first.correlation:.2f} instead of {first.without:.2f}); median"
-        f" {median:+g} frames"
+        f" {middle:+g} frames"
     )
 
 

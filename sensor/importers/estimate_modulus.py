@@ -131,8 +131,7 @@ def import_folder(
 
     def frames() -> Iterator[ForceFrame]:
         for grasp in grasps:
-            # A frame more than there are forces is an error of `frames`, which is asked first.
-            for k, (image, _) in enumerate(zip(grasp.frames(crop_px), grasp.force_n, strict=False)):
+            for k, image in enumerate(grasp.frames(crop_px)):
                 if 0 <= k - delay_frames < len(grasp.force_n):
                     force_n = sign * float(grasp.force_n[k - delay_frames])
                     place = f"{grasp.path}: frame {k}"
