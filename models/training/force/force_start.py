@@ -12,45 +12,26 @@ import torch
 
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.integer.features import DIFFERENCE_SCALE, HIDDEN, differences
-from fastac.models.training.force import ridge, smooth_weights
+from fastac.models.training.force import press_symmetry, ridge, smooth_weights
 from fastac.models.training.force.force_from_pixels import ForceFromPixels
 from fastac.models.training.force.integrability import integrable_mixtures
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
+from fastac.sensor.samples import FORCE_AXES
 
 INITIAL_SLOPE = 1.0
 """Scale of the linear model's slopes: their 99.99th percentile, a quarter of the default slope limit."""
 WORSE = 1.25
 """A start from slopes of a surface has at most this multiple of the other start's validation error. More
 means that the image is not that of a smooth surface: markers that move have edges which no slope has."""
+JUDGED_COSINES = 12
+"""Along each axis, of the largest fits that judge a start. Larger ones take nearly all of the time and tell
+no more about which start is better."""
 
 
 def background_differences(data: Dataset, index: np.ndarray, smoothing_px: int = 0) -> np.ndarray:
     """Frames `index` less the background as `features.differences`, (frames, H, W, C) float32."""
     return differences(data.frames[index], data.background, smoothing_px).astype(np.float32)
-
-
-def linear_fields(
-    pixels: dict[str, np.ndarray],
-    force_n: dict[str, np.ndarray],
-    recording: dict[str, np.ndarray] | None = None,
-    *,
-    patience: int | None = None,
-    progress: bool = False,
-) -> tuple[np.ndarray, dict]:
-    """Fit the linear model F = Σ fields · pixels; returns its fields (axes, H, W, C) and the entry of the
-    chosen size in the history of `smooth_weights`, its cosines and validation error, and with `recording` its
-    "left_out_mae_n", the error on recordings left out.
-
-    pixels : (frames, H, W, C), differences from the background; force_n : (frames, axes); recording :
-        (frames,), of at least two recordings; all by split name
-    patience : as in `smooth_weights.fit`
-    """
-    model = smooth_weights.SmoothWeights(pixels, force_n, robust=True)
-    chosen = ridge.best(model.errors(patience=patience, progress=progress))
-    if recording is not None:
-        chosen = chosen | {"left_out_mae_n": model.left_out_error(chosen, recording)}
-    return model.weights(chosen, with_validation=False)[0], chosen
 
 
 def force_mixtures(fields: np.ndarray, change: np.ndarray) -> np.ndarray:
@@ -113,7 +94,7 @@ class LinearStart:
     """Along each axis, of which the fields are sums."""
     validation_mae_n: float
     left_out_mae_n: float | None
-    """On recordings left out; None where they did not choose."""
+    """On recordings left out, of the last fit that these mixtures would get; None where it chose nothing."""
     of_surfaces: bool
     """Whether the mixtures were chosen as slopes of surfaces, and not by the force that they explain."""
 
@@ -130,22 +111,31 @@ def linear_start(
     other's error on recordings left out is smaller or, where they are not known, its validation error far
     smaller (WORSE).
 
+    Each is judged by the last fit that it would get: slopes of surfaces gain by the symmetry of presses
+    (press_symmetry.py), other mixtures do not.
+
     change : (frames, H, W, C), differences from the background; force_n : (frames, axes); recording :
         (frames,), if there are at least two; all by split name
     """
-    if not scene.training.force_curl_weight:
-        recording = None  # nothing is compared
     keys = {"patience": scene.training.patience_sizes, "progress": progress}
+    compared = bool(scene.training.force_curl_weight)
 
     def with_mixtures(mixtures: np.ndarray, *, of_surfaces: bool) -> LinearStart:
         mixed = {split: (pixels @ mixtures.T).astype(np.float32) for split, pixels in change.items()}
-        fields, entry = linear_fields(mixed, force_n, recording, **keys)
-        errors = entry["validation_mae_n"], entry.get("left_out_mae_n")
-        return LinearStart(mixtures, fields, entry["cosines"], *errors, of_surfaces)
+        model = smooth_weights.SmoothWeights(mixed, force_n, robust=True)
+        chosen = ridge.best(model.errors(**keys))
+        fields, _ = model.weights(chosen, with_validation=False)
+        left_out_n = None
+        if compared and recording is not None:
+            left_out_n = _left_out_mae_n(model, mixed["train"], scene, recording, progress=progress)
+        return LinearStart(
+            mixtures, fields, chosen["cosines"], chosen["validation_mae_n"], left_out_n, of_surfaces
+        )
 
-    fields, _ = linear_fields(change, force_n, **keys)
+    every = smooth_weights.SmoothWeights(change, force_n, robust=True)
+    fields, _ = every.weights(ridge.best(every.errors(**keys)), with_validation=False)
     best = with_mixtures(force_mixtures(fields, change["train"]), of_surfaces=False)
-    if not scene.training.force_curl_weight:
+    if not compared:
         return best
     found = with_mixtures(surface_mixtures(change["train"]), of_surfaces=True)
     if recording is None:
@@ -153,6 +143,28 @@ def linear_start(
     # On new objects slopes of a surface should be better. They are not where the image is seen at a slant, or
     # where one colour does not mean the same slope everywhere.
     return found if found.left_out_mae_n <= best.left_out_mae_n else best
+
+
+def _left_out_mae_n(
+    model: smooth_weights.SmoothWeights,
+    mixed: np.ndarray,
+    scene: Scene,
+    recording: dict[str, np.ndarray],
+    *,
+    progress: bool,
+) -> float:
+    """The least mean absolute error in N on recordings left out, of the fits that the last one chooses from.
+
+    mixed : the train split's two mixtures, (frames, H, W, 2)
+    """
+    keys = {"recording": recording, "largest": JUDGED_COSINES, "progress": progress}
+    if scene.training.force_symmetry and not scene.force.dots:
+        axes = tuple(FORCE_AXES[k] for k in scene.force_axes)
+        fits = press_symmetry.left_out(model, mixed, axes, **keys)
+        histories = [history for _, history in fits.values()]
+    else:
+        histories = [model.errors(**keys)]
+    return min(ridge.best(history)["validation_mae_n"] for history in histories)
 
 
 def initial_model(start: LinearStart, data: Dataset, scene: Scene) -> ForceFromPixels:

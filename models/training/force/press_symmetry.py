@@ -62,6 +62,33 @@ def places(axis: str, size: int, *, square: bool) -> np.ndarray:
     return np.concatenate([p.ravel(), q.ravel()])[None]
 
 
+def left_out(
+    plain: SmoothWeights,
+    slopes: np.ndarray,
+    axes: tuple[str, ...],
+    recording: dict[str, np.ndarray],
+    **keys,
+) -> dict[bool, tuple[SmoothWeights, list[dict]]]:
+    """Regressions and their errors on recordings left out (`SmoothWeights.errors`), without the symmetry
+    (False) and, where the train split's `slopes` (frames, H, W, 2) are those of surfaces, with it (True).
+
+    plain : regressions on the same slopes, without the symmetry; axes, recording : as in `fit`
+    keys : of `SmoothWeights.errors`
+    """
+    height, width = plain.shape[:2]
+
+    def restrict(column: int, size: int) -> np.ndarray:
+        return places(axes[column], size, square=height == width)
+
+    candidates = {False: plain}
+    if are_slopes(slopes):
+        candidates[True] = plain.restricted(restrict)
+    return {
+        symmetric: (model, model.errors(recording=recording, **keys))
+        for symmetric, model in candidates.items()
+    }
+
+
 def fit(
     slopes: dict[str, np.ndarray],
     force_n: dict[str, np.ndarray],
@@ -84,18 +111,7 @@ def fit(
     The others are as in `smooth_weights.fit`.
     """
     plain = SmoothWeights(slopes, force_n, robust=robust)
-    height, width = plain.shape[:2]
-
-    def restrict(column: int, size: int) -> np.ndarray:
-        return places(axes[column], size, square=height == width)
-
-    candidates = {False: plain}
-    if are_slopes(slopes["train"]):
-        candidates[True] = plain.restricted(restrict)
-    fits = {
-        symmetric: (model, model.errors(recording=recording, patience=patience, progress=progress))
-        for symmetric, model in candidates.items()
-    }
+    fits = left_out(plain, slopes["train"], axes, recording, patience=patience, progress=progress)
     best = min(fits, key=lambda symmetric: ridge.best(fits[symmetric][1])["validation_mae_n"])
     model, history = fits[best]
     weights, _, history = model.average(history)

@@ -118,6 +118,7 @@ class SmoothWeights:
         together: dict[str, np.ndarray] | None = None,
         with_validation: bool = False,
         patience: int | None = None,
+        largest: int = SIZES[-1],
         progress: bool = False,
     ) -> list[dict]:
         """Errors on held-out frames of all sizes and strengths, [{"cosines": …, "regularisation": …,
@@ -128,6 +129,7 @@ class SmoothWeights:
         together, with_validation : as in `ridge.held_out_errors`, for fits without `recording`
         patience : how many m in a row, from the smallest on, may not lower the error before no larger one is
             tried; None: all are tried. The largest take nearly all of the time.
+        largest : the largest m that is tried
         """
         ridge.check(self.force_n)
         if recording is None:
@@ -135,7 +137,8 @@ class SmoothWeights:
         else:
             find = partial(self._left_out, np.concatenate([recording[split] for split in self.cosines]))
         history, waited, smallest = [], 0, np.inf
-        for size in progress_bar(self.sizes, desc="force, weights", unit="basis", enabled=progress):
+        sizes = [size for size in self.sizes if size <= largest]
+        for size in progress_bar(sizes, desc="force, weights", unit="basis", enabled=progress):
             of_axes = [find(x, force_n) for _, _, x, force_n in self._problems(size)]
             found = [
                 {
@@ -158,26 +161,14 @@ class SmoothWeights:
         recording: np.ndarray,
         x: dict[str, np.ndarray],
         force_n: dict[str, np.ndarray],
-        regularisation: np.ndarray = ridge.REGULARISATION,
     ) -> list[dict]:
         """`left_out.errors_n` of all splits, in the form of `ridge.held_out_errors`."""
         x, force_n = (ridge.known(values, with_validation=True) for values in (x, force_n))
-        errors_n = left_out.errors_n(x, force_n, recording, regularisation, robust=self.robust)
+        errors_n = left_out.errors_n(x, force_n, recording, robust=self.robust)
         return [
             {"regularisation": strength, "validation_mae_n": error}
-            for strength, error in zip(regularisation.tolist(), errors_n.tolist(), strict=True)
+            for strength, error in zip(ridge.REGULARISATION.tolist(), errors_n.tolist(), strict=True)
         ]
-
-    def left_out_error(self, chosen: dict, recording: dict[str, np.ndarray]) -> float:
-        """Mean absolute error in N on recordings left out, with the size and strength of an entry of
-        `errors`.
-
-        recording : (frames,) by split name, of at least two recordings
-        """
-        strength = np.array([chosen["regularisation"]])
-        every = np.concatenate([recording[split] for split in self.cosines])
-        found = [self._left_out(every, x, f, strength) for _, _, x, f in self._problems(chosen["cosines"])]
-        return sum(only["validation_mae_n"] for [only] in found)
 
     def weights(self, chosen: dict, *, with_validation: bool) -> tuple[np.ndarray, np.ndarray | None]:
         """The fields (axes, H, W, terms) and the dots' weights (axes, M, 2) of an entry of `errors`.
