@@ -246,11 +246,18 @@ def depth(scene, seeds, names, short, output, progress):
 @click.option(
     "--presses", type=click.IntRange(1), default=40, show_default=True, help="Presses of each object."
 )
+@click.option(
+    "--way",
+    "names",
+    multiple=True,
+    metavar="NAME",
+    help="Only this way to train, as its table is titled, such as 'as recorded' for SCENE's own. Repeatable.",
+)
 @click.option("--jobs", type=click.IntRange(1), help="Local processes. [default: one for each core]")
 @output_option("Folder for grasps.json.", OUTPUT_FOLDER, "build/SCENE-grasps")
 @store_option("recordings and trainings")
 @progress_option
-def grasps(scene, seeds, presses, jobs, output, store, progress):
+def grasps(scene, seeds, presses, names, jobs, output, store, progress):
     """Measure forces that were learned from forces alone, on objects that nothing was learned from.
 
     SCENE trains from forces, as scenes/grasp.toml does. Eight objects are pressed on a small virtual gel, and
@@ -260,14 +267,15 @@ def grasps(scene, seeds, presses, jobs, output, store, progress):
     Trainings are kept in the step store, so an interrupted study goes on.
 
     \b
-    Example: fastac study grasps scenes/grasp.toml --seeds 1,2
+    Example: fastac study grasps scenes/grasp.toml --seeds 1,2 --way "as recorded"
     """
     from fastac.scenes import schema
     from fastac.studies.grasps import study as experiment
 
+    ways = experiment.named(names)
     known = schema.load(scene)
     output = output or Path("build") / f"{known.name}-grasps"
-    settings = {"seeds": seeds, "presses": presses, "jobs": jobs, "store": store}
+    settings = {"seeds": seeds, "ways": ways, "presses": presses, "jobs": jobs, "store": store}
     content = experiment.measure(known, output, **settings, progress=progress)
     for table in experiment.tables(content):
         click.echo(f"{table.text}\n{table.note}\n")

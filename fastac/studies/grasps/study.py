@@ -33,6 +33,15 @@ WAYS = {
 """Ways to train: what differs in the scene's sensor and training."""
 
 
+def named(names: Sequence[str]) -> list[str]:
+    """The ways of these names, all where there are none, in their order; raises ValueError for a name that is
+    no way's."""
+    for name in names:
+        if name not in WAYS:
+            raise ValueError(f"--way {name!r}: expected one of {', '.join(map(repr, WAYS))}")
+    return [way for way in WAYS if way in names or not names]
+
+
 def scenes(known: Scene) -> dict[str, Scene]:
     """For each way the scene `known` with that way's sensor and training."""
     return {
@@ -52,14 +61,15 @@ def measure(
     *,
     seeds: Sequence[int] = (1,),
     objects: Sequence[str] = tuple(recordings.OBJECTS),
+    ways: Sequence[str] = tuple(WAYS),
     presses: int = 40,
     jobs: int | None = None,
     store: Path = frames.STORE,
     progress: bool = True,
 ) -> dict:
-    """Leave each object out in each way, with each seed; writes grasps.json, returns its content.
+    """Leave each object out in each of the ways, with each seed; writes grasps.json, returns its content.
 
-    seeds : of the trainings; jobs : processes side by side; None: one for each core
+    seeds : of the trainings; ways : names in WAYS; jobs : processes side by side; None: one for each core
     Trainings are kept in the step store `store`. Raises FingertipError for a scene that does not learn from
     forces.
     """
@@ -68,6 +78,8 @@ def measure(
     step = Step("grasps", recordings.write, arguments, (recordings.RECORDINGS,), {"progress": progress})
     path = open_store(store).perform(step).path(recordings.RECORDINGS)
     for way, own in scenes(known).items():
+        if way not in ways:
+            continue
         data = frames.read(path, own, store=store, progress=progress)
         with pools.this_process() if jobs == 1 else pools.local_pool(jobs) as pool:
             found = leave_one_out.evaluate(

@@ -51,6 +51,13 @@ def test_one_thing_changes_from_way_to_way(scene):
     assert not any(study.WITHOUT.values())
 
 
+def test_ways_by_name():
+    assert study.named([]) == list(study.WAYS)
+    assert study.named(["levelled", "as recorded"]) == ["as recorded", "levelled"]
+    with pytest.raises(ValueError, match="--way 'no': expected one of 'as recorded', 'levelled', "):
+        study.named(["no"])
+
+
 @pytest.mark.full
 def test_each_object_is_left_out(scene, tmp_path):
     short = {"normals_epochs": 1, "force_epochs": 1, "finetune_epochs": 1, "force_batch": 32}
@@ -65,6 +72,8 @@ def test_each_object_is_left_out(scene, tmp_path):
     assert groups["edge"]["mae_n"] != levelled["edge"]["mae_n"]
     assert groups["edge"]["mae_n"]["linear"] == free["edge"]["mae_n"]["linear"]
     assert any(unmirrored[name]["mae_n"]["float"] != free[name]["mae_n"]["float"] for name in objects)
+    [alone] = study.measure(brief, tmp_path / "one", ways=["levelled"], **settings)["ways"].items()
+    assert alone == ("levelled", content["ways"]["levelled"])
     first, second, *others = study.tables(content)
     assert [row[0] for row in first.rows] == [*objects, "mean"]
     found = [groups[name]["mae_n"]["linear"] for name in objects]
@@ -83,3 +92,5 @@ def test_command_says_what_is_wrong(tmp_path):
     result = CliRunner().invoke(main, ["study", "grasps", "scenes/paper.toml", "-o", str(tmp_path)])
     assert result.exit_code == 1
     assert "training.labels 'force'" in result.stderr
+    unknown = CliRunner().invoke(main, ["study", "grasps", "scenes/grasp.toml", "--way", "no"])
+    assert (unknown.exit_code, unknown.stderr.count("\n")) == (1, 1)

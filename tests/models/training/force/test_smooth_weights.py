@@ -80,6 +80,12 @@ def test_no_larger_size_is_tried_once_so_many_were_no_better(patience):
     np.testing.assert_array_equal(found, every)
 
 
+def test_sizes_are_tried_up_to_the_largest():
+    model = smooth_weights.SmoothWeights(*problem(fields(2)))
+    every = model.errors()
+    assert model.errors(largest=7) == [entry for entry in every if entry["cosines"] <= 6]
+
+
 def test_without_a_validation_split_all_frames_are_fitted_in_the_end():
     weights = fields(2)
     change, truth = problem(weights, noise=0.5, validation=False)
