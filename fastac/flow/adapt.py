@@ -42,13 +42,14 @@ from fastac.store.store import open_store
 WEIGHTS, INTEGERS = "normals.npz", "integers.npz"
 BUNDLE, WORDS, SUMMARY = "bundle", "calibration.bin", "adapt.json"
 FEWEST_TO_CHOOSE = 3
-"""Presses from which on what is tuned is chosen by cross-validation; with fewer it is DEFAULT."""
-DEFAULT = "gains"
+"""Presses from which on what is tuned is chosen by cross-validation; with fewer nothing is."""
 FOLDS = 3
 FINETUNE_STEPS = 400
 """Steps of the bit-true fine-tuning, at least, whatever number of presses there is."""
-NOT_ADAPTED = "none"
-"""In the errors of the choice: the network as it was, with the new unit's background."""
+NOTHING = "none"
+"""What is tuned where the network stays as it was, with the new unit's background."""
+CHOICES = (NOTHING, *transfer.TUNES)
+"""What can be tuned, the fewest numbers first."""
 
 
 def start(known: Bundle, x: np.ndarray, y: np.ndarray) -> PixelNetwork:
@@ -63,15 +64,16 @@ def choice(folder: Path, scene: Scene, bundle: Path, data: Path, *, store: Path,
 
     Presses are held out whole, in FOLDS parts; the errors are mean absolute errors of both slopes together.
     What tunes the fewest numbers is chosen of all that are no worse than the best by more than one standard
-    error of the difference between presses. Too few presses are not held out at all.
+    error of the difference between presses. Too few presses are not held out at all, and tune nothing: on
+    simulated and on real units a single one made errors larger than the new background alone does.
     """
     known, shown = bundles.load_for(bundle, scene), read(data, scene, store=store, progress=progress)
     few = training.skin_alone(shown, scene)
     press, names = presses(few), known_presses(few)
     if len(names) < FEWEST_TO_CHOOSE:
-        return {"presses": len(names), "tune": DEFAULT, "errors": None}
+        return {"presses": len(names), "tune": NOTHING, "errors": None}
     order = np.random.default_rng(scene.training.seed).permutation(len(names))
-    errors = {what: {} for what in (NOT_ADAPTED, *transfer.TUNES)}
+    errors = {what: {} for what in CHOICES}
     bar = progress_bar(total=FOLDS * len(transfer.TUNES), desc="choice", unit="tuning", enabled=progress)
     for fold in range(FOLDS):
         held = [names[k] for k in order[fold::FOLDS]]
@@ -82,7 +84,7 @@ def choice(folder: Path, scene: Scene, bundle: Path, data: Path, *, store: Path,
             "rounding_bits": scene.felt_rounding_bits,
         }
         begun = start(known, x, y)
-        networks = {NOT_ADAPTED: begun}
+        networks = {NOTHING: begun}
         for what in transfer.TUNES:
             networks[what], _ = transfer.tune(copy.deepcopy(begun), x, y, scene.training, what, **keys)
             bar.update()
@@ -95,8 +97,9 @@ def choice(folder: Path, scene: Scene, bundle: Path, data: Path, *, store: Path,
 
 
 def simplest(errors: dict[str, dict[str, float]]) -> str:
-    """Of TUNES, what tunes the fewest numbers and is no worse than the best by more than a standard error."""
-    table = {what: np.array(list(errors[what].values())) for what in transfer.TUNES}
+    """Of CHOICES, what tunes the fewest numbers and is no worse than the best by more than one standard error
+    of the difference."""
+    table = {what: np.array(list(errors[what].values())) for what in CHOICES}
     best = min(table.values(), key=np.mean)
     for what, values in table.items():
         excess = values - best
@@ -170,19 +173,26 @@ def adapted(
     bundle: Path,
     data: Path,
     chosen: dict,
-    weights: Path,
-    integers: Path,
+    weights: Path | None,
+    integers: Path | None,
     *,
     store: Path,
     progress: bool,
 ) -> None:
-    """A step: the new bundle, the words that the old one's hardware takes, and what was done."""
+    """A step: the new bundle, the words that the old one's hardware takes, and what was done.
+
+    weights, integers : of the tuned network; None: the network stays as it is
+    """
     known, few = bundles.load_for(bundle, scene), read(data, scene, store=store, progress=progress)
-    floats, integer = load_arrays(weights), load_arrays(integers)
+    if weights is None:
+        floats, layers = dict(known.floats), known.pipeline.layers
+    else:
+        floats, integer = load_arrays(weights), load_arrays(integers)
+        floats |= {name: values for name, values in integer.items() if name.startswith("history.")}
+        layers = quantise.layers_from_arrays(integer)
     if scene.wants_dots:
         floats |= dots_at_rest(few, scene)
-    floats |= {name: values for name, values in integer.items() if name.startswith("history.")}
-    pipeline = pipeline_of(quantise.layers_from_arrays(integer), few, known)
+    pipeline = pipeline_of(layers, few, known)
     made = loadable(Bundle(pipeline, floats, ""), known, folder / "loadable")
     seen = np.flatnonzero(few.split != "test")
     made, force = with_force_scale(made, few, seen)
@@ -223,7 +233,7 @@ def adapt(
     """Adapt the bundle `source` to the presses in `data`; writes the folder `output`, whole, and returns what
     its file SUMMARY says.
 
-    tune : one of TUNES; None: chosen, see `choice`
+    tune : one of CHOICES; None: chosen, see `choice`
     Raises AdaptError, DatasetError or CalibrationError, before anything is trained as far as it can be known.
     """
     source = bundles.bundle_folder(source)
@@ -239,9 +249,11 @@ def adapt(
         chosen = kept.value(Step("choice", choice, given, (), quiet), announce)
     else:
         chosen = {"presses": len(known_presses(few)), "tune": tune, "errors": None}
-    weights = Step("tuned", tuned, given | {"tune": chosen["tune"]}, (WEIGHTS,), quiet).output(WEIGHTS)
-    of_data = {"scene": known.scene, "data": data, "weights": weights}
-    integers = Step("requantised", requantised, of_data, (INTEGERS,), quiet).output(INTEGERS)
+    weights = integers = None
+    if chosen["tune"] != NOTHING:
+        weights = Step("tuned", tuned, given | {"tune": chosen["tune"]}, (WEIGHTS,), quiet).output(WEIGHTS)
+        of_data = {"scene": known.scene, "data": data, "weights": weights}
+        integers = Step("requantised", requantised, of_data, (INTEGERS,), quiet).output(INTEGERS)
     made = given | {"chosen": chosen, "weights": weights, "integers": integers}
     entry = kept.perform(Step("adapted", adapted, made, (BUNDLE, WORDS, SUMMARY), quiet), announce)
     entry.place(output)

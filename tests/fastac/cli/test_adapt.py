@@ -17,9 +17,11 @@ from fastac.gateware.target.elaboration import to_verilog
 from fastac.gateware.top_zynq import TopZynq
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer import bundle as bundles
+from fastac.models.integer import quantise
 from fastac.models.training import transfer
 from fastac.sensor import dataset
 from fastac.sensor.fingertip import generate
+from fastac.studies.transfer.study import few
 
 SECOND = {
     "light": {"ambient": 0.25, "below_mm": 9.0, "brightest_dn": 120.0},
@@ -77,6 +79,22 @@ def test_what_is_tuned_can_be_told(tiny_folder, second, tmp_path):
     arrays = [bundles.load(folder / "bundle").floats for folder in (tiny_folder, tmp_path / "new")]
     for name in ("network.0.weight", "network.3.weight"):
         assert np.array_equal(*(array[name] for array in arrays)) == (name == "network.0.weight")
+
+
+def test_a_single_press_changes_the_background_alone(tiny_folder, tiny_bundle, second, tmp_path):
+    """Unless told otherwise, for which it is enough to tune gains."""
+    data = dataset.read(second)
+    few(second, data, 1, 1, tmp_path / "one.h5")
+    arguments = ("adapt", tiny_folder, "--data", tmp_path / "one.h5", "--no-progress")
+    assert succeed(*arguments, "-o", tmp_path / "new").stdout.startswith("presses: 1, tuned: none\n")
+    found, known = bundles.load(tmp_path / "new" / "bundle"), tiny_bundle.pipeline
+    np.testing.assert_array_equal(found.pipeline.background, data.background)
+    arrays = (quantise.layers_to_arrays(pipeline.layers) for pipeline in (found.pipeline, known))
+    np.testing.assert_equal(*arrays)
+    told = succeed(*arguments, "--tune", "gains", "-o", tmp_path / "told").stdout
+    assert told.startswith("presses: 1, tuned: gains\n")
+    told = bundles.load(tmp_path / "told" / "bundle").pipeline
+    assert (told.layers[0].weight != known.layers[0].weight).any()
 
 
 def test_what_cannot_be_loaded_is_refused_before_anything_is_trained(
