@@ -29,9 +29,15 @@ def test_what_is_in_time_says_nothing():
         assert delay("pear", *pressed(late)) is None
 
 
+def test_few_frames_say_nothing():
+    for count in (SHORTEST - 1, SHORTEST):
+        force_n = np.exp(-(((np.arange(count) - 10) / 2) ** 2))
+        found = delay("short", np.roll(force_n, 9), force_n)
+        assert (found is None) == (count < SHORTEST)
+
+
 def test_what_cannot_be_known():
-    change, force_n = pressed(9, count=SHORTEST - 1)
-    assert delay("short", change, force_n) is None
+    change, force_n = pressed(9)
     rng = np.random.default_rng(2)
     assert delay("noise", rng.normal(size=90), rng.normal(size=90)) is None
     for one, other in ((np.zeros(90), force_n), (change, np.zeros(90))):

@@ -190,6 +190,8 @@ def test_what_is_no_slope_has_no_symmetry():
     assert not press_symmetry.are_slopes(mixed["train"])
     found, history = press_symmetry.fit(mixed, force_n, ("z",), group)
     assert not history[0]["symmetric"]
+    plain = smooth_weights.SmoothWeights(mixed, force_n)
+    assert list(press_symmetry.left_out(plain, mixed["train"], ("z",), group)) == [False]
     np.testing.assert_array_equal(found, smooth_weights.fit(mixed, force_n, recording=group)[0])
 
 
