@@ -80,11 +80,11 @@ class TestLinearStart:
         slopes, mixing = dents
         change, force_n = self.presses(slopes, mixing)
         group = {split: np.arange(len(values)) % 3 for split, values in force_n.items()}
-        monkeypatch.setattr(force_start, "JUDGED_COSINES", 4)
+        monkeypatch.setattr(force_start, "JUDGED_COSINES", 2)
         start = linear_start(change, force_n, scene(press_symmetry=False), group)
         assert start.of_surfaces
         mixed = {s: (x @ start.mixtures.T).astype(np.float32) for s, x in change.items()}
-        history = SmoothWeights(mixed, force_n, robust=True).errors(recording=group, largest=4)
+        history = SmoothWeights(mixed, force_n, robust=True).errors(recording=group, largest=2)
         assert start.left_out_mae_n == ridge.best(history)["validation_mae_n"]
         errors = iter((1.0, 1.001))
         monkeypatch.setattr(force_start, "_left_out_mae_n", lambda *_, **__: next(errors))
