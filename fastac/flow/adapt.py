@@ -64,8 +64,8 @@ def choice(folder: Path, scene: Scene, bundle: Path, data: Path, *, store: Path,
 
     Presses are held out whole, in FOLDS parts; the errors are mean absolute errors of both slopes together.
     What tunes the fewest numbers is chosen of all that are no worse than the best by more than one standard
-    error of the difference between presses. Too few presses are not held out at all, and tune nothing: on
-    simulated and on real units a single one made errors larger than the new background alone does.
+    error of the difference between presses. Too few presses are not held out at all, and tune nothing: with
+    a single one normals became worse than with the new background alone, on simulated and on real units.
     """
     known, shown = bundles.load_for(bundle, scene), read(data, scene, store=store, progress=progress)
     few = training.skin_alone(shown, scene)
