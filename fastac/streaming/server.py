@@ -22,6 +22,13 @@ ANSWER_S = 0.02
 """How soon a new reader is answered while no record is sent."""
 LINGER_S = 2.0
 """How long the last messages may take to leave at the end."""
+SETTLE_S = 0.05
+"""How long it may take to notice that readers have gone. libzmq 4.3.5 does not free a context while a message
+is on its way to a reader that has just gone: it waits without end."""
+FREED_S = 1.0
+"""How long it may take to free the context beyond the time that messages have."""
+FREEING = "fastac-publisher-end"
+"""Name of the thread that frees the context."""
 MOST_BYTES_IN = 256
 """Readers send nothing but the names of what they subscribe to."""
 SUBSCRIBE, UNSUBSCRIBE = b"\x01", b"\x00"
@@ -97,7 +104,17 @@ class Publisher:
             time.sleep(ANSWER_S)  # a slow reader gets the end only once it has room again
             self._send(last)
             self._answer()
-        self._context.destroy(linger=max(0, round(1e3 * (until - time.monotonic()))))
+        left_s = max(SETTLE_S, until - time.monotonic())
+        self._socket.unbind(self.address)
+        settled = time.monotonic() + SETTLE_S
+        while time.monotonic() < settled:
+            time.sleep(SETTLE_S / 10)
+            self._answer()
+        freeing = threading.Thread(
+            target=self._context.destroy, args=(round(1e3 * left_s),), name=FREEING, daemon=True
+        )
+        freeing.start()
+        freeing.join(left_s + FREED_S)
 
     def _answer_on(self) -> None:
         while not self._closing.wait(ANSWER_S):

@@ -3,13 +3,14 @@
 import json
 import threading
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import zmq
 
 from fastac.streaming import about as descriptions
-from fastac.streaming import messages
+from fastac.streaming import messages, server
 from fastac.streaming import record as records
 from fastac.streaming.address import AddressError, is_local
 from fastac.streaming.client import connect
@@ -166,3 +167,30 @@ def test_the_end_comes_again_where_there_was_no_room_for_it(publisher, make_reco
 def test_closing_twice(publisher):
     publisher.close()
     publisher.close()
+
+
+def test_it_ends_while_readers_leave(subscriber):
+    """With its last message on the way to readers that are gone, libzmq would not free the context."""
+    for _ in range(40):
+        publisher = Publisher("tcp://127.0.0.1:*")
+        readers = [subscriber(publisher.address) for _ in range(3)]
+        until(lambda publisher=publisher: publisher.subscribers == 3)
+        readers[0].unsubscribe(b"")
+        until(lambda publisher=publisher: publisher.subscribers == 2)
+        for reader in readers:
+            reader.close(linger=0)
+        publisher.close()
+        assert publisher._context.closed
+
+
+def test_it_ends_even_if_its_context_is_not_freed(publisher, monkeypatch):
+    monkeypatch.setattr(server, "FREED_S", 0.1)
+    monkeypatch.setattr(server, "LINGER_S", 0.1)
+    freed = threading.Event()
+    whole, publisher._context = publisher._context, SimpleNamespace(destroy=lambda _: freed.wait(60))
+    publisher.close()
+    [freeing] = [thread for thread in threading.enumerate() if thread.name == server.FREEING]
+    assert freeing.daemon
+    freed.set()
+    freeing.join()
+    whole.destroy(linger=0)
