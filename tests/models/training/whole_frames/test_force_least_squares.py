@@ -82,14 +82,19 @@ def test_it_goes_on_from_the_best_start(many_presses, trained, frames_of, monkey
     np.testing.assert_array_equal(seen, [many_presses.indices("train")])
 
 
-def test_a_few_presses_at_a_time_lead_to_a_better_minimum(many_presses, trained, frames_of):
-    """The learning curve begins with the passes, whose errors are of presses before they are learned from."""
+def test_a_few_presses_at_a_time_save_most_steps(many_presses, trained, frames_of):
+    """With passes before them, three steps beat three alone, and are nearly as good as fifteen. (Of four
+    trainings with other seeds they had 0.71 to 0.95 and 0.94 to 1.01 of these errors.)
+
+    The learning curve begins with the passes, whose errors are of presses before they are learned from."""
     errors = []
-    for training in ({"force_steps": 15}, {"force_steps": 3, "force_passes": 12}):
+    for training in ({"force_steps": 3}, {"force_steps": 15}, {"force_steps": 3, "force_passes": 12}):
         network, frames = copy.deepcopy(trained), frames_of(many_presses, **training)
         history = force_least_squares.train(network, frames)
         errors.append(held_out_mae_n(network, frames))
-    assert errors[1] < 0.9 * errors[0]
+    few, many, with_passes = errors
+    assert with_passes < few
+    assert with_passes < 1.1 * many
     assert [entry["epoch"] for entry in history] == list(range(len(history)))
     assert 12 < len(history) <= 12 + 1 + 3
     curve = [entry["train_mae_n"] for entry in history]
