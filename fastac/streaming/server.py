@@ -105,7 +105,7 @@ class Publisher:
             self._send(last)
             self._answer()
         left_s = max(SETTLE_S, until - time.monotonic())
-        self._socket.unbind(self.address)
+        self._socket.unbind(self.address)  # free, whatever becomes of the context
         settled = time.monotonic() + SETTLE_S
         while time.monotonic() < settled:
             time.sleep(SETTLE_S / 10)

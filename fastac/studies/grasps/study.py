@@ -77,9 +77,9 @@ def measure(
     arguments = {"scene": known, "objects": list(objects), "presses": presses, "seed": 1}
     step = Step("grasps", recordings.write, arguments, (recordings.RECORDINGS,), {"progress": progress})
     path = open_store(store).perform(step).path(recordings.RECORDINGS)
-    for way, own in scenes(known).items():
-        if way not in ways:
-            continue
+    of_ways = scenes(known)
+    for way in ways:
+        own = of_ways[way]
         data = frames.read(path, own, store=store, progress=progress)
         with pools.this_process() if jobs == 1 else pools.local_pool(jobs) as pool:
             found = leave_one_out.evaluate(

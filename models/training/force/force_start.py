@@ -34,6 +34,19 @@ def background_differences(data: Dataset, index: np.ndarray, smoothing_px: int =
     return differences(data.frames[index], data.background, smoothing_px).astype(np.float32)
 
 
+def _linear_fit(
+    pixels: dict[str, np.ndarray], force_n: dict[str, np.ndarray], **keys
+) -> tuple[smooth_weights.SmoothWeights, dict, np.ndarray]:
+    """Regressions on the pixels (frames, H, W, terms), the entry of their `errors` with the smallest error on
+    the validation frames, and its fields (axes, H, W, terms).
+
+    force_n : (frames, axes), as the pixels by split name; keys : of `SmoothWeights.errors`
+    """
+    model = smooth_weights.SmoothWeights(pixels, force_n, robust=True)
+    chosen = ridge.best(model.errors(**keys))
+    return model, chosen, model.weights(chosen, with_validation=False)[0]
+
+
 def force_mixtures(fields: np.ndarray, change: np.ndarray) -> np.ndarray:
     """The two linear combinations of channels (2, C) that explain most of Σ fields · change.
 
@@ -118,24 +131,22 @@ def linear_start(
         (frames,), if there are at least two; all by split name
     """
     keys = {"patience": scene.training.patience_sizes, "progress": progress}
-    compared = bool(scene.training.force_curl_weight)
+    if not scene.training.force_curl_weight:
+        recording = None  # nothing is compared
 
     def with_mixtures(mixtures: np.ndarray, *, of_surfaces: bool) -> LinearStart:
         mixed = {split: (pixels @ mixtures.T).astype(np.float32) for split, pixels in change.items()}
-        model = smooth_weights.SmoothWeights(mixed, force_n, robust=True)
-        chosen = ridge.best(model.errors(**keys))
-        fields, _ = model.weights(chosen, with_validation=False)
+        model, chosen, fields = _linear_fit(mixed, force_n, **keys)
         left_out_n = None
-        if compared and recording is not None:
+        if recording is not None:
             left_out_n = _left_out_mae_n(model, mixed["train"], scene, recording, progress=progress)
         return LinearStart(
             mixtures, fields, chosen["cosines"], chosen["validation_mae_n"], left_out_n, of_surfaces
         )
 
-    every = smooth_weights.SmoothWeights(change, force_n, robust=True)
-    fields, _ = every.weights(ridge.best(every.errors(**keys)), with_validation=False)
+    _, _, fields = _linear_fit(change, force_n, **keys)
     best = with_mixtures(force_mixtures(fields, change["train"]), of_surfaces=False)
-    if not compared:
+    if not scene.training.force_curl_weight:
         return best
     found = with_mixtures(surface_mixtures(change["train"]), of_surfaces=True)
     if recording is None:
@@ -158,7 +169,7 @@ def _left_out_mae_n(
     mixed : the train split's two mixtures, (frames, H, W, 2)
     """
     keys = {"recording": recording, "largest": JUDGED_COSINES, "progress": progress}
-    if scene.training.force_symmetry and not scene.force.dots:
+    if scene.training.force_symmetry and not scene.wants_dots:  # as the last fit decides, in force_fits.py
         axes = tuple(FORCE_AXES[k] for k in scene.force_axes)
         fits = press_symmetry.left_out(model, mixed, axes, **keys)
         histories = [history for _, history in fits.values()]
